@@ -48,18 +48,34 @@ fun takes[trust_domain: TrustDomain]: Enclave -> Channel { reads_honestly[trust_
 
 -- by right: members of two trust domains each ask for the rights of the other
 -- Of a reader its own trust domain is asked too. Of a writer it is not: what a trust domain forbids its own is no
--- protection for others.
+-- protection for others. But where peers run another implementation, its own may read its permissions otherwise.
+
+/** Trust domains in fleets of several implementations. */
+fun mixed: set TrustDomain { { trust_domain: TrustDomain | TrustDomain.reading not in trust_domain.reading } }
+
+/** Channels that no document gives members of the trust domain the right to write, as their own one reads it. */
+fun unwritten[trust_domain: TrustDomain]: Enclave -> Channel {
+	(in_trust_domain.trust_domain - of_unknown_rights) -> (Channel - trust_domain.write_uncontrolled)
+	- with_met[held[trust_domain.accepted].publish_allowed] - emits_alone[trust_domain]
+}
+
+/** The same of all, in fleets of several implementations. */
+fun kept_back: Enclave -> Channel {
+	TrustDomain.{ trust_domain: mixed, e: Enclave, c: e.(unwritten[trust_domain]) }
+}
+
+/** Channels on which each enclave writes to members of the trust domain, and attacks nobody. */
+fun emits[trust_domain: TrustDomain]: Enclave -> Channel { writes_honestly[trust_domain] - kept_back }
 
 /** Channels on which members of the trust domain `sending` write to members of `receiving`. */
-fun sends[sending, receiving: TrustDomain]: Enclave -> Channel { writes_honestly[receiving] - of_strangers[sending] }
+fun sends[sending, receiving: TrustDomain]: Enclave -> Channel { emits[receiving] - of_strangers[sending] }
 
 /**
  * Channels that a member's own implementation alone lets it read, which matters where peers run another one: what those
  * like it would not concede it, these may.
  */
 fun takes_alone[trust_domain: TrustDomain]: Enclave -> Channel {
-	TrustDomain.reading in trust_domain.reading implies none -> none
-	else { e: in_trust_domain.trust_domain, c: e.reads_alone }
+	{ e: in_trust_domain.(trust_domain & mixed), c: e.reads_alone }
 }
 
 /** Channels on which members of `receiving` read what members of `sending` write: these give them their keys. */
@@ -116,7 +132,7 @@ fun emits_alone[trust_domain: TrustDomain]: Enclave -> Channel {
  * it imposes.
  */
 fun exposes[forgers: set Enclave + Outsider, trust_domain: TrustDomain]: (Enclave + Outsider) -> Channel {
-	in_any_guise[forgers, writes_honestly[trust_domain] + emits_alone[trust_domain]] + imposes[forgers, trust_domain]
+	in_any_guise[forgers, emits[trust_domain] + emits_alone[trust_domain]] + imposes[forgers, trust_domain]
 }
 
 /**
@@ -159,7 +175,7 @@ fun getters[channels: set Channel, eavesdroppers: set Enclave + Outsider, trust_
  */
 fun putters[channels: set Channel, forgers, eavesdroppers: set Enclave + Outsider,
 	trust_domain: TrustDomain]: set Enclave + Outsider {
-	(writes_honestly[trust_domain] + imposes[forgers, trust_domain]
+	(emits[trust_domain] + imposes[forgers, trust_domain]
 		+ { e: eavesdroppers & Enclave, c: e.acts_as.(emits_alone[trust_domain]) }).channels
 }
 

@@ -196,7 +196,20 @@ class Flow:
         if self.able:
             return self.hand.own_powers(enclave, trust_domain)[0]
         powers = self.hand.powers(enclave, trust_domain)
-        return powers.writes if self.relays or attacks else powers.honest_writes
+        return powers.writes if self.relays or attacks else powers.honest_writes & self.own(enclave)
+
+    def own(self, enclave: int) -> frozenset[int]:
+        """What its own implementation may let it write; all where it is that of every peer."""
+        s, view = self.hand.system, self.hand.views[self.member(enclave)]
+        channels = frozenset(range(len(s.channels)))
+        if len({each.reading for each in s.trust_domains}) == 1 or s.enclaves[enclave].opaque or s.anything_granted:
+            return channels
+        documents = [n for n in view.accepted if n in view.documents]
+        grants = self.hand.permissions.chosen(s.enclaves[enclave].identity, frozenset(documents))
+        right = {c for grant in grants for c in members(self.hand.permissions.allowed(grant, Operation.PUBLISH))}
+        right |= {met for c in right for met in (s.meets[c] if s.meets else ())}
+        free = members(view.protection.governed & ~view.protection.write_controlled)
+        return frozenset(right) | frozenset(free) | self.hand.written_alone(enclave, self.member(enclave))
 
     def reads(self, enclave: int, trust_domain: int, *, attacks: bool = False) -> frozenset[int]:
         if self.able:

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from keystore_audit.engine.alloy.merging import merge
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.formal.asked import Attacker, Place
+from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Status
@@ -81,6 +82,29 @@ def test_a_reader_gets_what_its_own_implementation_and_the_writers_peers_let_it(
         assert holding_claims(decide_claims([system])[0]) == {"0": holds, "1": holds}
 
 
+def writing_for_others(b: Builder, default: int = 3) -> System:
+    """The talker writes by its default, as the document says to these readings (of the documents from this one on)."""
+    b.rules = [replace(each, publish=frozenset()) for each in b.rules]
+    b.grants = [replace(each, default_allow=each.document >= default) for each in b.grants]
+    asked = replace(claim(at(TALKER), at(LISTENER)), id="kept", attacker=Attacker.HONEST)
+    system = replace(b.system(), claims=(asked,))
+    return replace(system, readings=system.readings * 2)
+
+
+def by_itself(system: System) -> System:
+    """The talker's own implementation lets it write, whatever it reads in its documents."""
+    talker = replace(system.enclaves[TALKER], writes_alone=frozenset({CHATTER}))
+    return replace(system, enclaves=tuple(talker if n == TALKER else e for n, e in enumerate(system.enclaves)))
+
+
+def test_an_honest_writer_has_what_its_own_implementation_lets_it_write() -> None:
+    """What peers make of a default does not count where the own one makes nothing of it."""
+    theirs, everybodys = (writing_for_others(one_authority(1), default) for default in (3, 0))
+    for system, holds in ((theirs, True), (everybodys, False), (by_itself(theirs), False)):
+        assert told(system)["kept"] is holds
+        assert holding_claims(decide_claims([system])[0]) == {"kept": holds}
+
+
 def drawn(seed: int) -> System:
     return mixed(some_system(seed), seed)
 
@@ -105,8 +129,16 @@ ALLOY_MUTANTS: dict[str, tuple[str, str, str, Callable[[], System]]] = {
         *("information_flow.als", "takes[trust_domain] + takes_alone[trust_domain]", "takes[trust_domain]"),
         lambda: reading_alone(one_authority(1)),
     ),
+    "what the own implementation does not let it write is sent": (
+        *("information_flow.als", " - kept_back }", " }"),
+        lambda: writing_for_others(one_authority(1)),
+    ),
+    "what its own implementation alone lets it write is kept back": (
+        *("information_flow.als", "publish_allowed] - emits_alone[trust_domain]", "publish_allowed]"),
+        lambda: by_itself(writing_for_others(one_authority(1))),
+    ),
     "everybody reads alone": (
-        *("information_flow.als", "TrustDomain.reading in trust_domain.reading", "no TrustDomain"),
+        *("information_flow.als", "TrustDomain.reading not in trust_domain.reading", "some TrustDomain"),
         lambda: reading_alone(healthy_builder()),
     ),
 }
@@ -119,6 +151,10 @@ NATIVE_MUTANTS: dict[str, tuple[type, str, object, Callable[[], System]]] = {
         lambda: drawn(5003),
     ),
     "nobody reads alone": (System, "mixed", property(lambda _self: False), lambda: reading_alone(one_authority(1))),
+    "all are let write": (
+        *(Flows, "_lets", property(lambda self: [-1] * self.outsider)),
+        lambda: writing_for_others(one_authority(1)),
+    ),
 }
 
 

@@ -120,7 +120,7 @@ no_flow = { from = "/talker", to = "/arm", attacker = "honest" }
     [
         ({}, "holds", "violated"),
         ({"/arm": "cyclonedds-0.10"}, "violated", "holds"),
-        ({"/talker": "cyclonedds-0.10"}, "violated", "violated"),
+        ({"/talker": "cyclonedds-0.10"}, "violated", "holds"),
         ({"/talker": "fastdds-3.6"}, "holds", "violated"),
         ({"/arm": "cyclonedds-11"}, "holds", "holds"),
     ],
@@ -128,7 +128,7 @@ no_flow = { from = "/talker", to = "/arm", attacker = "honest" }
 def test_a_receiver_judges_by_its_own_implementation(
     runs: Mapping[str, str], forged: str, kept: str, tmp_path: Path
 ) -> None:
-    """Who is open to permissions that an enclave signs for itself; and whose expressions match."""
+    """Who is open to permissions that an enclave signs for itself; and whose expressions match: the writer's too."""
     root = SHARED.write(tmp_path / "keys")
     report = told(root, settings(tmp_path / "it.toml", runs, FLOW), ("fastdds-2.6",))
     assert (status(report, ONE_CA), status(report, "kept")) == (forged, kept)
@@ -137,6 +137,24 @@ def test_a_receiver_judges_by_its_own_implementation(
     for path, profile in runs.items():
         assert on == [f"{path} on {VARIANTS[profile].title}, declared"]
         assert any(report["scope"] in each for each in report["stated"])
+
+
+@pytest.mark.parametrize(
+    ("runs", "rule", "kept"),
+    [
+        ({"/arm": "cyclonedds-0.10"}, "", "holds"),
+        ({"/arm": "cyclonedds-0.10"}, allow(pub("rt/chatter")), "violated"),
+        ({"/arm": "cyclonedds-0.10", "/talker": "cyclonedds-0.10"}, "", "violated"),
+    ],
+)
+def test_nobody_writes_by_a_default_of_which_its_own_implementation_makes_nothing(
+    runs: Mapping[str, str], rule: str, kept: str, tmp_path: Path
+) -> None:
+    """Fast DDS always denies by default (measured): no honest talker sends what the arm would take."""
+    sends = Member(permissions=permissions(grant("/talker", *filter(None, (rule,)), default="ALLOW")))
+    root = SHARED.member("/talker", permissions=sends.permissions).write(tmp_path / "keys")
+    report = told(root, settings(tmp_path / "it.toml", runs, FLOW), ("fastdds-2.6",))
+    assert status(report, "kept") == kept
 
 
 @pytest.mark.parametrize(

@@ -189,9 +189,9 @@ class TrustDomainView:
 
     def presentable(self, enclave: int, operation: Operation) -> int:
         """Channels for which the enclave can present a document that peers take."""
-        if self._unbounded(enclave):
+        if self.self_granting(enclave):
             return self._permissions.all_channels
-        rights = self._right(self._system.enclaves[enclave].identity, operation, genuine=False)
+        rights = self._held(enclave, operation)
         return rights | self._anybodys(operation) if self.issuing(enclave) else rights
 
     def _anybodys(self, operation: Operation) -> int:
@@ -251,13 +251,22 @@ class TrustDomainView:
         if not (self.self_granting(enclave) or self.issuing(enclave)):
             return self.abilities(enclave)
         if enclave not in self._honest:
-            atom = self._system.enclaves[enclave]
             anything = self._any_opaque or self._system.anybody(enclave)
-            everything, documents = self._permissions.all_channels, self.accepted
-            rights = [everything if anything else self._right(atom.identity, op, genuine=False) for op in Operation]
-            joined = self._joined_with(enclave, documents, anything=anything, issuing=False)
+            rights = [self._held(enclave, operation) for operation in Operation]
+            joined = self._joined_with(enclave, self.accepted, anything=anything, issuing=False)
             self._honest[enclave] = self._able(joined, rights, *self._alone(enclave))
         return self._honest[enclave]
+
+    def _held(self, enclave: int, operation: Operation) -> int:
+        """Channels for which documents that are there give it the right."""
+        if self._any_opaque or self._system.anybody(enclave):
+            return self._permissions.all_channels
+        return self._right(self._system.enclaves[enclave].identity, operation, genuine=False)
+
+    def written_as_itself(self, member: int) -> int:
+        """What its own implementation may let a member write that attacks nobody, whoever vouches for it."""
+        free = self.protection.governed & ~self.protection.write_controlled
+        return free | self._held(member, Operation.PUBLISH) | self._alone(member)[0]
 
     def _alone(self, enclave: int) -> tuple[int, int]:
         """What its own implementation lets a member write, and read."""

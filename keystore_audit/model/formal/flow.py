@@ -156,7 +156,7 @@ class Flows:
         reads = attrgetter("reads_at_all" if alone else "may_read")
         lanes = []
         for there in range(len(rights)):
-            written = [rights[there](enclave).may_write for enclave in everybody]
+            written = [rights[there](e).may_write & self._lets[e] for e in everybody]
             read = [reads(rights[there](e)) if self._member[e] == there else 0 for e in everybody]
             if alone:
                 lanes.append(Lane([0] * (self.outsider + 1), [*read, 0]))
@@ -173,6 +173,12 @@ class Flows:
                 lanes.append(Lane([*sent, 0], [*shared, 0]))
         return lanes
 
+    @cached_property
+    def _lets(self) -> list[int]:
+        """By enclave: what its own implementation may let it write. Those of peers say it, unless others are there."""
+        own = [self._trust_domains[member] for member in self._member]
+        return [view.written_as_itself(e) if self._system.mixed else -1 for e, view in enumerate(own)]
+
     def _attacked_by(self, forging: frozenset[int], listening: frozenset[int]) -> list[Lane]:
         """Those who forge send, and those who listen take, as anybody whose key they have, with all that keys allow.
 
@@ -187,7 +193,7 @@ class Flows:
                 lanes.append(Lane(made, _of(listening, hears)))
                 lanes.append(Lane(_of(forging, airs), learnt, heard=listening == {self.outsider}))
             if len(forging) <= self.outsider:
-                written = [view.honest(enclave).writes_at_all for enclave in range(self.outsider)]
+                written = [view.honest(e).writes_at_all & lets for e, lets in enumerate(self._lets)]
                 lanes.append(Lane(made, [*self._of_members(trust_domain, view.honest), 0], lured=True))
                 lanes.append(Lane([*written, 0], learnt, heard=True))
         return lanes
