@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache, partial
+from itertools import product
 from typing import Final, NamedTuple
 
 from keystore_audit.findings import Act, Location, Severity, decision
@@ -12,12 +14,14 @@ from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Text
 from keystore_audit.keystore.typed import Criterion, Grant, Operation
 from keystore_audit.keystore.typed import Rule as PermissionsRule
 from keystore_audit.model.domains import covered, describe, domain_bits
+from keystore_audit.model.formal.bit_sets import bits
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.matching.patterns import EVERY_PARTITION
 from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
 from keystore_audit.model.semantics import DEFAULT_PARTITION
 from keystore_audit.model.subjects.told import own_grant
-from keystore_audit.profiles import TESTED_ON, VARIANTS, Matcher, OpenRange, PartitionReading, doing, facts
+from keystore_audit.profiles import TESTED_ON, VARIANTS, Matcher, OpenRange, doing, facts
 from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import VERBS, Context, Violation, listed, more_like, quoted, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
@@ -214,14 +218,16 @@ NO_PARTITIONS: Final = in_permissions("ROS 2 uses no partitions: take them out o
     NO_PARTITIONS,
     applies=speaks,
 )
-def partition_evaded(use: PermissionsUse) -> Iterator[Violation]:
+def partition_evaded(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """Where an endpoint may be in a partition that is a pattern, and so meet data that the rules keep from it.
 
     To permissions the partition of an endpoint is a plain string, to matching it is a pattern (measured on Cyclone DDS
     0.10.2 and Fast DDS 2.9.1): a denial in `secret` says nothing of `*`, and who is allowed in `?` may go into `*`.
-    Properties, claims and flows count who is met so; `can` and `access` answer about the plain name. Topics are
-    compared one expression with another; two with wildcards are taken to overlap.
+    Where an implementation takes a denial for one of the whole topic, in any partition, nothing gets around it
+    (deny-rule-blocks-topic). Properties, claims and flows count who is met so; `can` and `access` answer about the
+    plain name. Topics are compared one expression with another; two with wildcards are taken to overlap.
     """
+    met = cache(partial(_met, use, context))
     for grant in use.document.grants:
         listed = any(criterion.partitions for each in grant.rules for criterion in each.criteria)
         ways = _ways(grant)
@@ -230,7 +236,7 @@ def partition_evaded(use: PermissionsUse) -> Iterator[Violation]:
                 if each.allow:
                     yield from _beyond(use, grant, criterion)
                 else:
-                    yield from _evaded(use, grant, number, criterion, ways)
+                    yield from _evaded(use, grant, number, criterion, ways, met)
 
 
 def of_no_node(use: PermissionsUse) -> Iterator[Violation]:
@@ -279,13 +285,19 @@ def _beyond(use: PermissionsUse, grant: Grant, criterion: Criterion) -> Iterator
 
 
 def _evaded(
-    use: PermissionsUse, grant: Grant, number: int, criterion: Criterion, ways: Sequence[_Ways]
+    use: PermissionsUse,
+    grant: Grant,
+    number: int,
+    criterion: Criterion,
+    ways: Sequence[_Ways],
+    met: Callable[[], Mapping[tuple[int, Operation], set[str]]],
 ) -> Iterator[Violation]:
     """A denial in some partitions, though a pattern that meets them is allowed later on."""
     listed = criterion.partitions is not None
     denied = tuple(text.text for text in criterion.partitions or ()) or DEFAULT_PARTITION
     way = next(_around(grant, number, criterion, denied, ways), None)
-    if way is not None:
+    under = met().get((id(grant.rules[number]), criterion.operation)) if way is not None else None
+    if way is not None and under != set():
         where = f"partition {', '.join(map(quoted, denied))}" if listed else "the default partition"
         yield about(
             use,
@@ -293,7 +305,7 @@ def _evaded(
             criterion.line,
             f"{criterion.operation.value} is denied in {where} and allowed in {quoted(way)}, which no denial matches: "
             "an endpoint there meets those of all partitions that this matches as a pattern.",
-            profiles=_reading(listed=listed),
+            profiles=tuple(under or ()),
             key=f"{grant.subject_name.text} {criterion.operation.value} denied {' '.join(denied)}",
         )
 
@@ -349,7 +361,16 @@ def _matches(expression: str, name: str) -> bool:
     return parse(expression, Matcher.POSIX).matches(name)
 
 
-def _reading(*, listed: bool) -> tuple[str, ...]:
-    """Profiles under which a denial holds where it lists partitions in those alone, else in the default one alone."""
-    readings = set(PartitionReading) - {PartitionReading.RULE} if listed else {PartitionReading.CRITERION_DEFAULT}
-    return tuple(name for name, profile in VARIANTS.items() if profile.access.partitions in readings)
+def _met(use: PermissionsUse, context: Context) -> dict[tuple[int, Operation], set[str]]:
+    """By denial and operation the profiles under which whoever is allowed in a pattern meets what is denied."""
+    found: dict[tuple[int, Operation], set[str]] = {}
+    for system in context.meaning.systems:
+        decisions = Permissions(system)
+        denying = (
+            each for each in system.rules if not each.allow and each.location.path == use.document.signed.file.place
+        )
+        for each, operation in product(denying, Operation):
+            allowed = decisions.allowed(each.grant, operation)
+            beyond = decisions.met(allowed) & ~allowed & bits(each.named(operation))
+            found.setdefault((id(each.source), operation), set()).update(system.profiles if beyond else ())
+    return found

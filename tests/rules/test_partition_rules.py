@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +12,9 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.typed import Rule
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.judge import judge
+from tests.keystore.documents import allow, deny, domain_rule, governance, grant, permissions, pub, sub, topic_rule
+from tests.model.comparing import Member, Store
+from tests.model.test_trust_domains_alike import told
 from tests.rules.divergent import Listed, ruled, talking
 from tests.rules.evidence import context, rules_of
 
@@ -62,6 +66,33 @@ def test_ways_around_partitions(store: Keystore, way: str) -> None:
 )
 def test_what_gets_around_nothing(store: Keystore) -> None:
     assert spoken(store) == ()
+
+
+SECRET, EVERY = (sub("rt/map", partitions=[place]) for place in ("secret", "*"))
+SPEC, OLD, NEW = "spec", "cyclonedds-0.10", "cyclonedds-11"
+
+
+@pytest.mark.parametrize(
+    ("rules", "governed", "expected"),
+    [
+        ((deny(SECRET), allow(EVERY)), {}, {SPEC}),
+        ((allow(pub("rt/map")), deny(SECRET), allow(EVERY)), {}, {SPEC, OLD, NEW}),
+        ((deny(SECRET), allow(pub("rt/map")), allow(EVERY)), {}, {SPEC, NEW}),
+        ((deny(SECRET), allow(EVERY)), {"write": False}, {SPEC, OLD, NEW}),
+    ],
+)
+def test_a_denial_that_takes_the_whole_topic_away_is_not_got_around(
+    rules: Sequence[str], governed: Mapping[str, bool], expected: set[str], tmp_path: Path
+) -> None:
+    """Where the first rule that lists a topic denies it (Cyclone DDS 0.10; 11: of each operation), if that is asked."""
+    listener = Member(permissions=permissions(grant("/listener", *rules)))
+    store = Store(members={"/listener": listener}, governance=governance(domain_rule(topic_rule(**governed))))
+    root = store.write(tmp_path)
+    for profile in (SPEC, OLD, NEW):
+        report = told(root, None, (profile,))
+        codes = {each["code"] for each in report["findings"]}
+        assert ("KA637" in codes) is (profile in expected), profile
+        assert not {"KA608", "KA637"} <= codes
 
 
 ALONE = ruled(publish=[(["rt/map", "rt/rosout"], ["robot1"])])
