@@ -308,7 +308,7 @@ def way(case: Case, enclave: int, operation: Operation, *, alone: bool) -> Told:
 
 def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Told | None:
     """Without any key, as members of the trust domain of `case` protect the channel; else, where the enclave (None:
-    nobody's) has no keys for it there, as those of another one do; None: nowhere.
+    nobody's) has no keys for it there, as those of another one do, or by its rights with these; None: nowhere.
     """
     writes = operation == Operation.PUBLISH
     for number in sorted(range(len(case.views)), key=lambda each: each != case.trust_domain):
@@ -321,6 +321,8 @@ def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Told | 
             able = view.abilities(enclave)
             if (able.forges if writes else able.overhears) >> case.number & 1:
                 return None
+        elif enclave is not None and view.abilities(enclave).by_right(operation) >> case.number & 1:
+            return _as_itself(case.at({Role.TRUST_DOMAIN: number}), enclave, operation)
     return None
 
 

@@ -115,8 +115,8 @@ def _somebody(case: Case, claim: ClaimAtom) -> Told:
         enclave, who = case.witness[Role.ENCLAVE], case.enclave.label
         if publishing:
             return f"{who} {does} too", case.right_steps(enclave, operation) or case.governance_steps()
-        why, steps = case.kinds(), case.governance_steps()
-        if not case.view.abilities(enclave).overhears >> case.number & 1:
+        why, steps, able = case.kinds(), case.governance_steps(), case.view.abilities(enclave)
+        if (able.may_read | ~able.overhears) >> case.number & 1:
             why, steps = way(case, enclave, operation, alone=False)
         return f"{who}, which may not, {does}: {why}", steps
     if case.witness.get(Role.WITH_IDENTITY):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.errors import UsageError
 from keystore_audit.options import Options
@@ -17,7 +18,7 @@ from keystore_audit.properties.result import EngineStatus
 from keystore_audit.settings.settings import Settings, read_settings
 from tests.amount import tried
 from tests.engine.test_horizon_exactly import PROFILES
-from tests.keystore.documents import allow, grant, permissions, pub, sub
+from tests.keystore.documents import allow, domain_rule, governance, grant, permissions, pub, sub, topic_rule
 from tests.model.comparing import AT, Member, Store, authority
 from tests.model.test_trust_domains_alike import CLAIMS, PATHS, keystore, told
 
@@ -114,6 +115,8 @@ name = "kept"
 no_flow = { from = "/talker", to = "/arm", attacker = "honest" }
 """
 
+INSIDER = 'encrypted = { topic = "/chatter", against = "insider" }'
+
 
 @pytest.mark.parametrize(
     ("runs", "forged", "kept"),
@@ -155,6 +158,29 @@ def test_nobody_writes_by_a_default_of_which_its_own_implementation_makes_nothin
     root = SHARED.member("/talker", permissions=sends.permissions).write(tmp_path / "keys")
     report = told(root, settings(tmp_path / "it.toml", runs, FLOW), ("fastdds-2.6",))
     assert status(report, "kept") == kept
+
+
+@pytest.mark.parametrize(
+    ("signer", "runs", "claim"),
+    [
+        ("identityCA", {"/arm": "cyclonedds-0.10"}, 'no_flow = { from = "topic:/chatter", to = "/third" }'),
+        ("permissionsCA", {"/arm": "cyclonedds-0.10"}, 'no_flow = { from = "topic:/chatter", to = "/third" }'),
+        ("identityCA", dict.fromkeys(("/arm", "/talker", "/third"), "cyclonedds-0.10"), INSIDER),
+    ],
+)
+def test_who_signs_itself_permissions_is_told_so(
+    signer: str, runs: Mapping[str, str], claim: str, tmp_path: Path
+) -> None:
+    """Where others judge than those of its own implementation; and where its keys come with what it signs."""
+    third = Member(permissions=permissions(grant("/third", allow(pub("rt/other")))), serial=102)
+    store = replace(SHARED, members={**SHARED.members, "/third": third}, permissions=(authority(signer),))
+    store = replace(store, governance=governance(domain_rule(topic_rule(data="NONE"))))
+    text = f'[[property]]\nname = "kept"\n{claim}\n'
+    report = told(store.write(tmp_path / "keys"), settings(tmp_path / "it.toml", runs, text), ("fastdds-2.6",))
+    [found] = [each["profiles"]["fastdds-2.6"] for each in report["properties"] if each["id"] == "kept"]
+    assert found["status"] == ("violated" if signer == "identityCA" else "holds")
+    if signer == "identityCA":
+        assert ": it can sign itself permissions that its peers accept" in found["counterexample"]["text"]
 
 
 @pytest.mark.parametrize(
