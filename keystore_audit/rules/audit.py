@@ -7,6 +7,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
+from keystore_audit.assumptions import WORLD
 from keystore_audit.findings import Act, Location, Remedy, Severity, decision, outside
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import ZONE_DECIDES
@@ -164,7 +165,9 @@ def rule_crashed(crash: Crash) -> Iterator[Violation]:
     outside("Fix what the other findings call unread or unknown, and run the audit again."),
 )
 def property_undecided(result: PropertyResult, context: Context) -> Iterator[Violation]:
-    """Whether a property holds depends on what could not be read, or no engine gave an answer.
+    """Whether a property holds depends on what could not be read, or is not assumed, or no engine gave an answer.
+
+    In a mixed fleet it may also depend on whether implementations of two kinds complete a handshake with each other.
 
     "Holds" and "violated" are said only where both hold, whatever the unread parts are. A disagreement of the
     engines is engines-disagree, and only that. Properties that are undecided for one reason are one finding; each that
@@ -216,9 +219,14 @@ def _undecided(result: PropertyResult) -> tuple[str, ...] | None:
 def _why(result: PropertyResult, context: Context) -> str:
     if isinstance(result, UserResult) and result.reason:
         return result.reason
-    doubts = context.meaning.doubts
-    if any(answer.engines for answer in result.profiles.values()) and doubts:
-        return f"it depends on what is in {listed(dict.fromkeys(doubt.location.path for doubt in doubts))}"
+    if any(answer.engines for answer in result.profiles.values()):
+        doubts, systems = context.meaning.doubts, context.meaning.systems
+        if doubts:
+            return f"it depends on what is in {listed(dict.fromkeys(doubt.location.path for doubt in doubts))}"
+        if lacking := {each.value for system in systems for each in WORLD - system.assumed}:
+            return f"it depends on what is not assumed, {listed(sorted(lacking))}"
+        if any(system.mixed for system in systems):
+            return "whether implementations that read the keystore differently talk to each other is not known"
     return "no engine gave an answer"
 
 

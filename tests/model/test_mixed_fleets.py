@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from keystore_audit.assumptions import Assumption
 from keystore_audit.errors import UsageError
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
@@ -158,6 +159,27 @@ def test_nobody_writes_by_a_default_of_which_its_own_implementation_makes_nothin
     root = SHARED.member("/talker", permissions=sends.permissions).write(tmp_path / "keys")
     report = told(root, settings(tmp_path / "it.toml", runs, FLOW), ("fastdds-2.6",))
     assert status(report, "kept") == kept
+
+
+@pytest.mark.parametrize(
+    ("runs", "lacking", "why"),
+    [
+        ({"/arm": "cyclonedds-11"}, (), "implementations that read the keystore differently"),
+        ({}, (), None),
+        ({}, (Assumption.ROBOTS_ENFORCE,), "it depends on what is not assumed, robots-enforce:"),
+    ],
+)
+def test_what_is_undecided_is_told_with_its_reason(
+    runs: Mapping[str, str], lacking: tuple[Assumption, ...], why: str | None, tmp_path: Path
+) -> None:
+    """And not that no engine gave an answer."""
+    claim = '[[property]]\nname = "kept"\nable = { from = "/talker", to = "/arm" }\n'
+    plain = SHARED.member("/talker", permissions=permissions(grant("/talker", allow(pub("rt/chatter")))))
+    root, given = plain.write(tmp_path / "keys"), settings(tmp_path / "it.toml", runs, claim)
+    options = Options(at=AT, engine="native", profiles=("fastdds-3.6",), settings=given, not_assumed=lacking)
+    said = [each.message for each in audit(root, options).findings if each.code == "KA906"]
+    assert said if why else not said
+    assert all(why and why in each for each in said)
 
 
 @pytest.mark.parametrize(
