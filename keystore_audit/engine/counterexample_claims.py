@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 from msgspec.structs import replace
 
@@ -76,21 +76,25 @@ def describe_flow(system: System, claim: ClaimAtom, stages: Sequence[Stage]) -> 
 def _nothing_gets_there(system: System, claim: ClaimAtom) -> str:
     """Between which places, and what may keep it from them beside rights."""
     asked = claims_at(system, 2 * system.now, Decisions(system))
-    between, numbers = "there", list(asked.cut_off(claim)) if len(claim.pairs) > 1 else []
-    if numbers:
+    between, numbers = "there", list(asked.cut_off(claim))
+    if len(claim.pairs) > 1:
         one, other = (_told_place(system, place) for place in claim.pairs[numbers[0]])
         more = f" (nor between {len(numbers) - 1} more of {len(claim.pairs)} pairs)" if len(numbers) > 1 else ""
         between = f"from {one} to {other}{more}"
     ending = some(sorted(system.enclaves[number].label for number in asked.ending(claim)), 1)
-    peers = system.trust_domains
+
+    def opened(**freed: Any) -> bool:
+        """Whether something would get between them if it were not for that."""
+        other = replace(system, **freed)
+        return not {*numbers[:1]} <= {*claims_at(other, 2 * system.now, Decisions(other)).cut_off(claim)}
+
+    made = (replace(each, refused_writes=frozenset(), refused_reads=frozenset()) for each in system.enclaves)
+    welcome = (replace(each, refuses=frozenset(), told=None) for each in system.trust_domains)
     reasons = (
-        (
-            any(each.refused_writes or each.refused_reads for each in system.enclaves),
-            ", some of which their own implementations refuse them (`can` says why)",
-        ),
+        (opened(enclaves=(*made,)), ", some of which their own implementations refuse them (`can` says why)"),
         (ending, f": {ending} can start now, and not at every instant until then"),
         (
-            any(not one.talks_to(other) for one in peers for other in peers) or any(each.refuses for each in peers),
+            opened(trust_domains=(*welcome,)),
             "; enclaves refuse identities of others, by what their CA files and revocation lists are",
         ),
     )

@@ -33,7 +33,8 @@ class DeclaredFiles(Struct, frozen=True, kw_only=True):
 
     `foreign`: patterns of paths of which no finding is made. `accepted`: SHA-256, in hexadecimal, of files that were
     looked at by somebody. `key_group`: the number of the group that may read enclaves' keys. `aliases`: as in
-    `layout.discover`. `roots`: further directories that links may lead into.
+    `layout.discover`. `roots`: further directories that links may lead into. `enclaves`: paths, each with the
+    place where it is said what the enclave runs.
     """
 
     foreign: tuple[str, ...] = ()
@@ -41,6 +42,7 @@ class DeclaredFiles(Struct, frozen=True, kw_only=True):
     key_group: int | None = None
     aliases: tuple[str, ...] = ()
     roots: tuple[str, ...] = ()
+    enclaves: tuple[tuple[str, str], ...] = ()
 
     def names(self, path: str) -> bool:
         """Whether a pattern names the path: `*` is anything but `/`, `**` anything."""

@@ -11,6 +11,7 @@ from cryptography.x509.oid import NameOID
 from msgspec import Struct
 from msgspec.structs import replace
 
+from keystore_audit.errors import UsageError
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.crl import CrlFile, RevocationList, read_crl
 from keystore_audit.keystore.defect import Defect
@@ -31,6 +32,7 @@ from keystore_audit.keystore.unmanaged import (
     read_unmanaged_identities,
 )
 from keystore_audit.keystore.walk import contents, digest, records, uncovered
+from keystore_audit.text import meant
 
 MAX_FURTHER_KEYS: Final = 64
 """Files with private keys in odd places that are parsed: of the rest it is not said whose key they hold."""
@@ -123,13 +125,18 @@ def read_keystore(
     """Read and verify everything in the directory `path`, enclaves in the order of their paths.
 
     `progress` is told how many enclaves are done, of how many. What cannot be read is evidence, not an error.
-    Raises NothingToAudit if there is no directory or no enclave in it.
+    Raises NothingToAudit if there is no directory or no enclave in it, and UsageError for one that is declared and
+    not there.
     """
     with Root.open(path, declared.roots) as root:
         layout = discover(root, declared.aliases)
         reader = Reader(root)
         certificates = [reader.certificates_of(files) for files in layout.enclaves]
         layout = with_subject_as_path(layout, certificates)
+        known = sorted(files.path for files in layout.enclaves)
+        for wanted, place in declared.enclaves:
+            if wanted not in known:
+                raise UsageError(f"{place}: {wanted!r} is no enclave of this keystore.{meant(wanted, known)}")
         authorities = _distinct(reader.certificates(file) for file in layout.authorities)
         candidates = _candidates(certificates, authorities)
         enclaves: list[Enclave] = []

@@ -32,6 +32,7 @@ from keystore_audit.model.semantics import (
     ReadTopicRule,
     deciding_grant,
     is_controlled,
+    without_grant,
 )
 from keystore_audit.profiles import Access, Local, Matcher, Profile, TopicCheck
 from keystore_audit.text import MAX_EXPRESSION, shorten
@@ -150,7 +151,8 @@ class LocalRights:
             yield from self._governance(enclave, access, operation, profile.local)
         grant = self.grant(enclave, profile)
         if grant is None:
-            yield Step(self._all, False, Why(partial(_said, "no grant in force names the enclave")))
+            why = without_grant(self._accesses.own_grants(enclave, profile) or (), self._at)
+            yield Step(self._all, False, Why(partial(_said, why.format("the enclave"))))
             return
         place = enclave.permissions.signed.file.place if enclave.permissions else ""
         if access.topic_check is not TopicCheck.NONE and operation is not Operation.RELAY:

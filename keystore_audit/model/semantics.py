@@ -146,6 +146,15 @@ def deciding_grant(named: Iterable[ReadGrant], at: datetime, access: Access) -> 
     return None
 
 
+NO_GRANT: Final = "no grant in force names {}"
+FIRST_IS_OVER: Final = "of the grants that name {} the first alone counts, and it is not in force"
+
+
+def without_grant(named: Iterable[ReadGrant], at: datetime) -> str:
+    """Why none of the grants that name somebody, `{}`, counts: one of the two."""
+    return FIRST_IS_OVER if any(in_force(grant, at) for grant in named) else NO_GRANT
+
+
 def is_controlled(topic: TopicRule, operation: Operation) -> bool:
     """Whether peers ask for a grant for the operation."""
     return topic.enable_write_access_control if operation is Operation.PUBLISH else topic.enable_read_access_control

@@ -91,6 +91,9 @@ class Deterministic(Table, frozen=True, kw_only=True):
     include_ambient: bool = False
 
 
+_TWO: Final = 'two enclaves, or globs on enclaves, e.g. ["/arm/*", "/logger"]'
+
+
 class PropertyTable(Table, frozen=True, kw_only=True):
     """A `[[property]]`: one of the forms, which stand last."""
 
@@ -101,7 +104,7 @@ class PropertyTable(Table, frozen=True, kw_only=True):
     no_flow: NoFlow | None = None
     only_publish: OnlyPublish | None = None
     encrypted: Encrypted | None = None
-    never_share_domain: Annotated[list[Enclave], Meta(min_length=2, max_length=2)] | None = None
+    never_share_domain: Annotated[list[Enclave], Meta(min_length=2, max_length=2, description=_TWO)] | None = None
     able: Able | None = None
     deterministic: Deterministic | None = None
 

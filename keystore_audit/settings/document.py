@@ -186,8 +186,11 @@ def _told(error: str, kind: type) -> tuple[str, Keys]:
         key = message.partition("`")[2].removesuffix("`")
         return f"unknown key {key!r}; {expected}{meant(key, words, '; did you mean {!r}')}", (*keys, key)
     if "regex" in message:
-        return expected, keys
-    return f"{message}; {expected}" if "enum" in message else message, keys
+        message = expected
+    elif words and ("enum" in message or "length" in message):
+        message = f"{message}; {expected}"
+    name = next((f"{key}: " for key in keys[::-1] if isinstance(key, str)), "")
+    return f"{name}{message}", keys
 
 
 def _expected(schema: dict[str, Any], keys: Keys, defined: dict[str, Any]) -> list[str]:

@@ -242,7 +242,7 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
         labels=labels,
         declared=declared,
         suppressions=read_suppressions(root.suppression, source.at("suppression")),
-        files=_files(root.files, source.at("files")),
+        files=_files(root, source),
         scope=_scope(root.scope, source.at("scope")),
         runs={path: _runs(table, source.at("enclaves", path)) for path, table in root.enclaves.items()},
         max_suppression_days=root.max_suppression_days,
@@ -250,17 +250,19 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
     )
 
 
-def _files(table: FilesTable, source: Source) -> DeclaredFiles:
+def _files(root: SettingsTable, source: Source) -> DeclaredFiles:
     """What is said of the keystore's files."""
+    table = root.files
     foreign = several(table.foreign)
     for pattern in foreign:
         if pattern.startswith(("/", "./")) or "//" in pattern or ".." in pattern.split("/"):
-            source.at("foreign").wrong(f'{pattern!r}: expected a path in the keystore, e.g. "maps/**"')
+            source.at("files", "foreign").wrong(f'{pattern!r}: expected a path in the keystore, e.g. "maps/**"')
     return DeclaredFiles(
         foreign=foreign,
         accepted=frozenset(each.removeprefix("sha256:") for each in several(table.accepted)),
         key_group=table.key_group,
         aliases=several(table.aliases),
+        enclaves=tuple((path, source.at("enclaves", path).place) for path in root.enclaves),
     )
 
 

@@ -108,12 +108,27 @@ def test_who_does_not_start_until_then_is_told(tmp_path: Path) -> None:
     assert "can start now" not in found["later"]["text"], "its peers refuse it, which is told"
 
 
-def test_who_ends_is_told_beside_what_implementations_refuse(tmp_path: Path) -> None:
-    """Fast DDS applies a denial of domain 5 to its own endpoints in domain 0."""
-    denied = rule(("rt/other",), allow=False).replace("<id>0</id>", "<id>5</id>")
-    own_gap = A.pem + B.pem + lists(A, gap=True) + forever(B)
-    told = why_later(audited(written(tmp_path / "keys", own_gap, b"", denied, rule(("rt/other",))), AT))
-    assert ", some of which their own implementations refuse them (`can` says why): /motor can start now" in told
+OWN_GAP, OTHERS_GAP = (A.pem + B.pem + lists(A, gap=True) + forever(B), b""), (A.pem + ENDING.pem + RENEWED.pem, b"")
+REFUSE = "their own implementations refuse them"
+
+
+@pytest.mark.parametrize(
+    ("motor", "topic", "domain", "told", "not_told"),
+    [
+        ((A.pem + B.pem, b""), "rt/stop", 5, REFUSE, REFUSED),
+        (OWN_GAP, "rt/other", 5, ": /motor can start now", REFUSE),
+        (OTHERS_GAP, "rt/other", 0, REFUSED, REFUSE),
+        (OTHERS_GAP, "rt/stop", 0, "Nothing gets there with the rights that enclaves have.", REFUSED),
+    ],
+)
+def test_what_is_told_is_what_keeps_it_from_getting_there(
+    motor: tuple[bytes, bytes], topic: str, domain: int, told: str, not_told: str, tmp_path: Path
+) -> None:
+    """Not whatever there is besides. Fast DDS applies a denial of domain 5 to its own endpoints in domain 0."""
+    denied = rule((topic,), (topic,), allow=False).replace("<id>0</id>", f"<id>{domain}</id>")
+    why = why_later(audited(written(tmp_path / "keys", *motor, denied, rule(("rt/other",))), AT))
+    assert told in why
+    assert not_told not in why
 
 
 @pytest.mark.alloy

@@ -444,3 +444,26 @@ def test_a_document_in_which_another_one_stands(tmp_path: Path) -> None:
     code, document = decisions(store, "/random", "publish", "/low_priority", "--profile", "fastdds-2.9")
     [decision] = document["decisions"].values()
     assert (code, decision["decision"], decision["effective"]) == (0, ALLOW, UNKNOWN)
+
+
+@pytest.mark.parametrize(
+    ("profile", "ended", "reason"),
+    [
+        ("cyclonedds-0.10", 1, "of the grants that name CN=/talker the first alone counts, and it is not in force"),
+        ("opendds", 1, "of the grants that name the enclave the first alone counts, and it is not in force"),
+        ("cyclonedds-0.10", 2, "no grant in force names CN=/talker"),
+        ("fastdds-2.6", 2, "no grant in force names CN=/talker"),
+        ("fastdds-2.6", 1, None),
+    ],
+)
+def test_who_goes_by_the_first_grant_says_that_it_is_over(
+    profile: str, ended: int, reason: str | None, tmp_path: Path
+) -> None:
+    """And not that there is none in force; OpenDDS starts by it all the same."""
+    ends = ("2025-01-01T00:00:00",) * ended + ("2034-01-01T00:00:00",) * (2 - ended)
+    grants = (documents.grant("/talker", allow(pubsub("rt/chatter")), end=end) for end in ends)
+    text, loose = documents.permissions(*grants).encode(), governance(domain_rule(join=False)).encode()
+    root = signed_keystore(tmp_path, {"/talker": text}, governance=loose)
+    code, found = decisions(root, "/talker", "publish", "/chatter", "--profile", profile)
+    assert code == int(reason is not None)
+    assert (reason or "") in found["decisions"][profile]["reason"]

@@ -42,6 +42,13 @@ def test_nobody_compromised_is_that_nobody_attacks(sample: str, ends: tuple[str,
         assert [each["path"] for each in told["sets"]] == ([honestly[name]] if honestly[name] else [])
 
 
+@pytest.mark.parametrize("source", ["outsider", "/telematics"])
+def test_an_outsider_attacks_whoever_is_compromised(source: str) -> None:
+    done = run("flow", "flows/vehicle_healthy", source, "/motor", "--compromised", "1", *AT)
+    assert ("FROM is an outsider" in done.stderr) is (source == "outsider")
+    assert (done.returncode == 2) is (source == "outsider")
+
+
 def test_one_more_breaks_it() -> None:
     telematics = ("/telematics", "/motor")
     code, answer = fallen("vehicle_compromised_relay", 1, *telematics)

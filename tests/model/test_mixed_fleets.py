@@ -231,5 +231,5 @@ def test_an_alias_stands_for_what_is_shipped_with_the_others(
 
 def test_an_enclave_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     root = SHARED.write(tmp_path / "keys")
-    with pytest.raises(UsageError, match=r"'/amr' is no enclave of this keystore\. Did you mean /arm\?"):
+    with pytest.raises(UsageError, match=r"it\.toml:1: '/amr' is no enclave of this keystore\. Did you mean /arm\?"):
         told(root, settings(tmp_path / "it.toml", {"/amr": "cyclonedds-0.10"}, ""), ("fastdds-2.6",))

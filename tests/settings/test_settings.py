@@ -106,7 +106,11 @@ to = "/b"
         (f'{HEAD}severity = "bad"\nable = {{ from = "/a", to = "/b" }}\n', ":3", "expected critical, high"),
         (f'{HEAD}until = "2027-01-01"\nable = {{ from = "/a", to = "/b" }}\n', ":3", "without quotes"),
         (f'{HEAD}until = 0001-01-01T00:00:00+10:00\nable = {{ from = "/a", to = "/b" }}\n', ":3", "no UTC date"),
-        (f'{HEAD}never_share_domain = ["/a"]\n', ":3", "Expected `array` of length >= 2"),
+        (
+            f'{HEAD}never_share_domain = ["/a"]\n',
+            ":3",
+            "never_share_domain: Expected `array` of length >= 2; expected two enclaves",
+        ),
         (f'{HEAD}only_publish = {{ topic = "x", enclaves = "/a" }}\n', ":3", "expected a topic as"),
         (f"{HEAD}encrypted = 3\n", ":3", "Expected `table`, got `int`"),
         (f'{HEAD}able = {{ from = "/a", to = "/b" }}\n' * 2, ":5", "there is a property 'a' already"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from datetime import datetime
 from functools import lru_cache
-from typing import Final
 
 from msgspec.structs import replace
 
@@ -27,7 +26,7 @@ from keystore_audit.model.participants.refusals import (
     signature_refusal,
 )
 from keystore_audit.model.question import Usability
-from keystore_audit.model.semantics import ReadGrant
+from keystore_audit.model.semantics import FIRST_IS_OVER, NO_GRANT, ReadGrant, without_grant
 from keystore_audit.model.trust.revocation import ends_of_lists, lists_carried
 from keystore_audit.model.trust.verdicts import certificate_alike, document_alike, envelope, file_alike
 from keystore_audit.model.validity import END, Limited, in_force
@@ -36,9 +35,6 @@ from keystore_audit.truth import Truth
 
 _Grants = tuple[ReadGrant, ...] | None
 """Those of an enclave's own document that name it; None: the document says nothing."""
-
-_NO_GRANT: Final = "no grant in force names"
-"""A reason that is told with the subject."""
 
 
 class Usabilities:
@@ -103,11 +99,12 @@ class Usabilities:
             truth = Truth.NO if reasons else Truth.UNKNOWN if unknown else Truth.YES
             known = (at, Usability(usable=truth, reasons=reasons or unknown))
             self._answers[alike, now] = self._answers[here, now] = known
-        if _NO_GRANT not in known[1].reasons:
+        named = {NO_GRANT, FIRST_IS_OVER}  # reasons that are told with the subject
+        if named.isdisjoint(known[1].reasons):
             return known[1]
-        subject = enclave.identity.subject if enclave.identity is not None else ""
-        named = f"{_NO_GRANT} {subject or 'the empty subject'}"
-        return replace(known[1], reasons=tuple(named if each is _NO_GRANT else each for each in known[1].reasons))
+        subject = (enclave.identity.subject if enclave.identity is not None else "") or "the empty subject"
+        told = (each.format(subject) if each in named else each for each in known[1].reasons)
+        return replace(known[1], reasons=tuple(told))
 
     def _own_of(self, enclave: Enclave, profile: Profile) -> tuple[int, int, _Grants]:
         """Two numbers and its grants: enclaves of one number start alike as long as the same of their own is in force;
@@ -153,7 +150,7 @@ class Usabilities:
         eligible = (grant for grant in grants if in_force(grant, at) or not access.skips_grants_out_of_date)
         grant = next(eligible, None)
         if grant is None or not (in_force(grant, at) or access.joins_out_of_date):
-            yield _NO_GRANT
+            yield without_grant(grants, at)
         else:
             domains = self._governed_domains(enclave.governance, profile)
             yield from join_refusals(domains, grant, profile.local.joins) if domains is not None else ()

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from keystore_audit.assumptions import Assumption
-from keystore_audit.errors import UsageError
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -32,7 +31,6 @@ from keystore_audit.model.trust.verdicts import (
 )
 from keystore_audit.model.validity import SECOND
 from keystore_audit.profiles import Access, Profile, SubjectComparison, Trust, at_work
-from keystore_audit.text import meant
 from keystore_audit.truth import Truth
 
 
@@ -70,16 +68,9 @@ class Fleet(NamedTuple):
 
 
 def fleet_of(profile: Profile, paths: Sequence[str], kind: Callable[[Profile], Kind]) -> Fleet:
-    """The fleet on the profile with enclaves of these paths; `kind`: how an implementation reads the keystore.
-
-    Raises errors.UsageError where some are said to run another implementation that are not there.
-    """
+    """The fleet on the profile with enclaves of these paths; `kind`: how an implementation reads the keystore."""
     if not profile.others:  # nearly always
         return Fleet((kind(profile),))
-    lacking = next((path for path, _other in profile.others if path not in paths), None)
-    if lacking is not None:
-        known = sorted(paths)
-        raise UsageError(f"[enclaves]: {lacking!r} is no enclave of this keystore.{meant(lacking, known)}")
     run = [kind(profile.run_by(path)) for path in paths]
     kinds = tuple(dict.fromkeys(run)) or (kind(profile),)
     return Fleet(kinds, tuple(map(kinds.index, run)) if len(kinds) > 1 else ())
