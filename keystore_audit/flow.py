@@ -220,6 +220,7 @@ def find_blast_radius(
         enclaves=len(keystore.enclaves),
         keys=(asking.enclave(who, keystore),) if stolen is Stolen.ENCLAVE else tuple(asking.authorities(stolen)),
         doubts=tuple(dict.fromkeys(doubts)),
+        declared=declared(profiles),
     )
 
 

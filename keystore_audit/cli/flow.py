@@ -91,7 +91,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     answer = find_flow(
         keystore,
         question,
-        opt.reading(given, settings, uniform="flow --compromised" if question.compromised is not None else ""),
+        opt.reading(given, settings),
         engines=opt.engines(given),
     )
     output.write_stdout(rendered(answer, given["form"]))
@@ -108,7 +108,7 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     answer = find_blast_radius(
         keystore,
         given["compromised"],
-        opt.reading(given, opt.named_settings(given, keystore), uniform="flow --from-compromised"),
+        opt.reading(given, opt.named_settings(given, keystore)),
         include_ambient=given["include_ambient"],
     )
     from keystore_audit.report import flow

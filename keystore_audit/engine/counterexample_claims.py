@@ -13,7 +13,7 @@ from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.claims.named import same_elsewhere
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.flow import Leg
+from keystore_audit.model.formal.flow import Flows, Leg
 from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import ros_name
@@ -217,22 +217,23 @@ def _route(claim: ClaimAtom, hops: Sequence[tuple[Case, Leg]]) -> str:
 
 
 def _by_right(claim: ClaimAtom, hops: Sequence[tuple[Case, Leg]]) -> bool:
-    """Whether it needs no attack: at each hop, in one trust domain, who sends may write and who gets it may read.
+    """Whether it needs no attack. A flow begins and ends by itself at a channel that the claim names."""
+    flows, last = Flows(hops[0][0].system, hops[0][0].views), len(hops) - 1
+    lanes = flows.by_right(among={end for _case, leg in hops for end in (leg.sender, leg.receiver) if end is not None})
 
-    A flow begins and ends by itself at a channel that the claim names.
-    """
-    for number, (case, leg) in enumerate(hops):
-        honest, enclaves = case.view.honest, case.system.enclaves
-        begins = number == 0 and bool(claim.source.channels)
-        ends = number == len(hops) - 1 and bool(claim.target.channels)
-        sent = begins if leg.sender is None else honest(leg.sender).may_write >> leg.channel & 1
-        got = ends if leg.receiver is None else honest(leg.receiver).may_read >> leg.channel & 1
-        if (
-            not (sent and got)
-            or len({enclaves[e].trust_domain for e in (leg.sender, leg.receiver) if e is not None}) > 1
-        ):
-            return False
-    return True
+    def able(sets: Sequence[int], who: int | None, place: Place | None) -> int:
+        by_itself = who is None and place is not None and place.channels
+        return -1 if by_itself else sets[flows.outsider if who is None else who]
+
+    return all(
+        any(
+            able(lane.puts, leg.sender, None if number else claim.source)
+            & able(lane.gets, leg.receiver, claim.target if number == last else None)
+            & 1 << leg.channel
+            for lane in lanes
+        )
+        for number, (_case, leg) in enumerate(hops)
+    )
 
 
 def hop_ways(claim: ClaimAtom, case: Case, leg: Leg) -> list[Told]:

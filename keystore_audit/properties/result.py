@@ -166,6 +166,8 @@ class CompromiseAnswer(Struct, frozen=True, kw_only=True):
     enclaves: int
     keys: tuple[KeyAnswer, ...]
     doubts: tuple[Location, ...]
+    declared: str = ""
+    """What enclaves run that settings name."""
 
     @property
     def status(self) -> Status:

@@ -191,6 +191,7 @@ def stolen_text(answer: CompromiseAnswer) -> str:
 
 def _key(answer: CompromiseAnswer, key: KeyAnswer) -> Iterator[str]:
     where = f" ({key.location.path})" if key.location is not None and key.stolen is not Stolen.ENCLAVE else ""
+    where += f" ({answer.declared})" if answer.declared else ""
     holder = f"Whoever holds the private key of {_WHOSE[key.stolen].format(key.name)}{where}"
     yield wrapped(f"{holder}{' alone' if key.with_an_enclave is not None else ''}:")
     yield from _profiles(answer, key.alone)
@@ -346,6 +347,7 @@ def stolen_json(answer: CompromiseAnswer) -> str:
         "include_ambient": answer.include_ambient,
         "at": instant(answer.at),
         "enclaves": answer.enclaves,
+        **({"declared": answer.declared} if answer.declared else {}),
         "beyond_itself": FOUND[answer.status],
         "assumptions": [each.described for each in stolen_if(answer)],
         "keys": [_of_key(answer.ground, key) for key in answer.keys],

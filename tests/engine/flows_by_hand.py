@@ -198,11 +198,20 @@ class Flow:
         powers = self.hand.powers(enclave, trust_domain)
         return powers.writes if self.relays or attacks else powers.honest_writes & self.own(enclave)
 
+    @cached_property
+    def mixed(self) -> bool:
+        return len({each.reading for each in self.hand.system.trust_domains}) > 1
+
+    def takes(self, enclave: int, *, attacks: bool = False) -> frozenset[int]:
+        """What it reads as its own trust domain says, and where others are, as its own implementation says."""
+        alone = self.hand.system.enclaves[enclave].reads_alone if self.mixed and not self.able else frozenset()
+        return self.reads(enclave, self.member(enclave), attacks=attacks) | alone
+
     def own(self, enclave: int) -> frozenset[int]:
         """What its own implementation may let it write; all where it is that of every peer."""
         s, view = self.hand.system, self.hand.views[self.member(enclave)]
         channels = frozenset(range(len(s.channels)))
-        if len({each.reading for each in s.trust_domains}) == 1 or s.enclaves[enclave].opaque or s.anything_granted:
+        if not self.mixed or s.enclaves[enclave].opaque or s.anything_granted:
             return channels
         documents = [n for n in view.accepted if n in view.documents]
         grants = self.hand.permissions.chosen(s.enclaves[enclave].identity, frozenset(documents))
@@ -256,7 +265,7 @@ class Flow:
             if self.able and self.strangers(there, home):
                 continue
             written = self.writes(e, home) & self.writes(e, there) if self.able else self.writes(e, home)
-            for c in written & self.reads(f, home) & self.reads(f, there):
+            for c in written & self.takes(f) & self.reads(f, there):
                 yield e, c, f
 
     def strangers(self, one: int, other: int) -> bool:
@@ -302,7 +311,7 @@ class Flow:
         for f in self.hand.enclaves:
             attacks = f in self.listening
             as_whom = self.hand.acts_as(f) if attacks else {f}
-            if any(c in self.reads(guise, self.member(guise), attacks=attacks) for guise in as_whom) or (
+            if any(c in self.takes(guise, attacks=attacks) for guise in as_whom) or (
                 attacks
                 and (
                     clear

@@ -146,18 +146,22 @@ class Flows:
         """Those of them in which nobody attacks."""
         return self._rightful(own=True) if search.own else self._rightful()
 
-    def by_right(self, *, own: bool = False) -> list[Lane]:
-        """By trust domain of sender and receiver: what may be written and read by right, on both sides."""
+    def by_right(self, *, own: bool = False, among: Collection[int] | None = None) -> list[Lane]:
+        """By trust domain of sender and receiver: what may be written and read by right, on both sides.
+
+        `among`: of these enclaves alone.
+        """
         rights = [each.abilities for each in self._own] if own else [each.honest for each in self._trust_domains]
         everybody = range(len(self._system.enclaves))
+        among = everybody if among is None else among
         used = sorted(set(self._member))
         # Where implementations differ, a reader's own may let it read what those like it would not concede it.
         alone = self._system.mixed and not own
         reads = attrgetter("reads_at_all" if alone else "may_read")
         lanes = []
         for there in range(len(rights)):
-            written = [rights[there](e).may_write & self._lets[e] for e in everybody]
-            read = [reads(rights[there](e)) if self._member[e] == there else 0 for e in everybody]
+            written = [rights[there](e).may_write & self._lets[e] if e in among else 0 for e in everybody]
+            read = [reads(rights[there](e)) if self._member[e] == there and e in among else 0 for e in everybody]
             if alone:
                 lanes.append(Lane([0] * (self.outsider + 1), [*read, 0]))
             for here in used:
