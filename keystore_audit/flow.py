@@ -162,8 +162,6 @@ def reached(
 def questions(question: FlowQuestion) -> tuple[Claim, ...]:
     """That there is no flow, under each attacker. Raises errors.UsageError for places that are none."""
     source, target = place(question.source), place(question.target)
-    if source.outsider and question.compromised is not None:
-        raise UsageError("--compromised: FROM is an outsider, who attacks whoever is compromised. Ask with --attacker.")
     attackers = question.attackers if question.compromised is None else (Attacker.HONEST,)
     if attackers is None:
         attackers = tuple(each for each in ATTACKERS if not (source.outsider and each is Attacker.HONEST))

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import re
-from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cache, partial
-from itertools import product
-from typing import Final, NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import Final
 
 from keystore_audit.findings import Act, Location, Severity, decision
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Text
 from keystore_audit.keystore.typed import Criterion, Grant, Operation
 from keystore_audit.keystore.typed import Rule as PermissionsRule
 from keystore_audit.model.domains import covered, describe, domain_bits
-from keystore_audit.model.formal.bit_sets import bits
+from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.matching.expression import has_wildcard, parse
+from keystore_audit.model.formal.system import System
+from keystore_audit.model.matching.expression import any_matches
 from keystore_audit.model.matching.patterns import EVERY_PARTITION
 from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
 from keystore_audit.model.semantics import DEFAULT_PARTITION
@@ -225,18 +223,12 @@ def partition_evaded(use: PermissionsUse, context: Context) -> Iterator[Violatio
     0.10.2 and Fast DDS 2.9.1): a denial in `secret` says nothing of `*`, and who is allowed in `?` may go into `*`.
     Where an implementation takes a denial for one of the whole topic, in any partition, nothing gets around it
     (deny-rule-blocks-topic). Properties, claims and flows count who is met so; `can` and `access` answer about the
-    plain name. Topics are compared one expression with another; two with wildcards are taken to overlap.
+    plain name.
     """
-    met = cache(partial(_met, use, context))
     for grant in use.document.grants:
-        listed = any(criterion.partitions for each in grant.rules for criterion in each.criteria)
-        ways = _ways(grant)
-        for number, each in enumerate(grant.rules) if listed or grant.default_allow else ():
-            for criterion in each.criteria:
-                if each.allow:
-                    yield from _beyond(use, grant, criterion)
-                else:
-                    yield from _evaded(use, grant, number, criterion, ways, met)
+        for criterion in grant.allowed:
+            yield from _beyond(use, grant, criterion)
+    yield from _evaded(use, context)
 
 
 def of_no_node(use: PermissionsUse) -> Iterator[Violation]:
@@ -272,7 +264,7 @@ def _beyond(use: PermissionsUse, grant: Grant, criterion: Criterion) -> Iterator
     """An allowed expression that matches patterns which match more than it does."""
     for text in criterion.partitions or ():
         wider = _ONE_CHARACTER.sub(EVERY_PARTITION, text.text)
-        if wider == text.text or not _matches(text.text, wider):
+        if wider == text.text or not any_matches([text.text], wider, Matcher.POSIX):
             continue
         yield about(
             use,
@@ -284,93 +276,47 @@ def _beyond(use: PermissionsUse, grant: Grant, criterion: Criterion) -> Iterator
         )
 
 
-def _evaded(
-    use: PermissionsUse,
-    grant: Grant,
-    number: int,
-    criterion: Criterion,
-    ways: Sequence[_Ways],
-    met: Callable[[], Mapping[tuple[int, Operation], set[str]]],
-) -> Iterator[Violation]:
+def _evaded(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """A denial in some partitions, though a pattern that meets them is allowed later on."""
-    listed = criterion.partitions is not None
-    denied = tuple(text.text for text in criterion.partitions or ()) or DEFAULT_PARTITION
-    way = next(_around(grant, number, criterion, denied, ways), None)
-    under = met().get((id(grant.rules[number]), criterion.operation)) if way is not None else None
-    if way is not None and under != set():
-        where = f"partition {', '.join(map(quoted, denied))}" if listed else "the default partition"
-        yield about(
-            use,
-            grant,
-            criterion.line,
-            f"{criterion.operation.value} is denied in {where} and allowed in {quoted(way)}, which no denial matches: "
-            "an endpoint there meets those of all partitions that this matches as a pattern.",
-            profiles=tuple(under or ()),
-            key=f"{grant.subject_name.text} {criterion.operation.value} denied {' '.join(denied)}",
+    rules = ((grant, each) for grant in use.document.grants for each in grant.rules if not each.allow)
+    denials = [(grant, each, criterion) for grant, each in rules for criterion in each.criteria]
+    views = [
+        (
+            system,
+            Permissions(system),
+            [(n, bits(others)) for n, others in enumerate(system.meets) if others],
+            {id(atom.source): atom for atom in system.rules if not atom.allow},
         )
+        for system in (context.meaning.systems if denials else ())
+    ]
+    for grant, each, criterion in denials:
+        allowing, profiles, operation = "", list[str](), criterion.operation
+        for system, decisions, meeting, atoms in views:
+            if (atom := atoms.get(id(each))) is not None:
+                allowed = decisions.allowed(atom.grant, operation)
+                denied = bits(atom.named(operation)) & decisions.within(atom.domains) & ~allowed
+                met = (n for n, others in meeting if allowed >> n & 1 and _about(criterion, system, others & denied))
+                if (way := next(met, None)) is not None:
+                    by = decisions.decider(atom.grant, operation, way)
+                    allowing = "by default" if by is None else f"in line {by.location.line}"
+                    profiles += system.profiles
+        if profiles:
+            denied_in = [text.text for text in criterion.partitions or ()] or DEFAULT_PARTITION
+            where = (
+                f"partition {', '.join(map(quoted, denied_in))}" if criterion.partitions else "the default partition"
+            )
+            yield about(
+                use,
+                grant,
+                criterion.line,
+                f"{operation.value} is denied in {where} and allowed {allowing} in one that is a pattern, which no "
+                "denial matches: an endpoint there meets those of all partitions that the pattern matches.",
+                profiles=tuple(profiles),
+                key=f"{grant.subject_name.text} {operation.value} denied {' '.join(denied_in)}",
+            )
 
 
-class _Ways(NamedTuple):
-    """Partitions that are patterns, and that an allow rule allows: its number, its criterion."""
-
-    rule: int
-    criterion: Criterion
-    patterns: tuple[str, ...]
-
-
-def _ways(grant: Grant) -> list[_Ways]:
-    """All of a grant, in order; most rules have none."""
-    found = []
-    for number, each in enumerate(grant.rules):
-        for criterion in each.criteria if each.allow else ():
-            patterns = tuple(way for text in criterion.partitions or () for way in _patterns(text.text))
-            if patterns:
-                found.append(_Ways(number, criterion, patterns))
-    return found
-
-
-def _patterns(allowed: str) -> Iterator[str]:
-    """The partitions that are patterns and that the expression allows: the one for all, and itself."""
-    return (way for way in (EVERY_PARTITION, allowed) if has_wildcard(way) and _matches(allowed, way))
-
-
-def _around(
-    grant: Grant, number: int, criterion: Criterion, denied: Sequence[str], ways: Sequence[_Ways]
-) -> Iterator[str]:
-    """Partitions that are patterns, allowed by a later rule or by default and not matched by the denial."""
-    for each in ways[bisect_right(ways, number, key=lambda way: way.rule) :]:
-        if each.criterion.operation is criterion.operation:
-            open_ = [way for way in each.patterns if not any(_matches(one, way) for one in denied)]
-            if open_ and _overlap(each.criterion.topics, criterion.topics):
-                yield from open_
-    if grant.default_allow and not any(_matches(one, EVERY_PARTITION) for one in denied):
-        yield EVERY_PARTITION
-
-
-def _overlap(some: Sequence[Text], others: Sequence[Text]) -> bool:
-    return any(
-        _matches(one.text, other.text)
-        or _matches(other.text, one.text)
-        or (has_wildcard(one.text) and has_wildcard(other.text))
-        for one in some
-        for other in others
-    )
-
-
-def _matches(expression: str, name: str) -> bool:
-    return parse(expression, Matcher.POSIX).matches(name)
-
-
-def _met(use: PermissionsUse, context: Context) -> dict[tuple[int, Operation], set[str]]:
-    """By denial and operation the profiles under which whoever is allowed in a pattern meets what is denied."""
-    found: dict[tuple[int, Operation], set[str]] = {}
-    for system in context.meaning.systems:
-        decisions = Permissions(system)
-        denying = (
-            each for each in system.rules if not each.allow and each.location.path == use.document.signed.file.place
-        )
-        for each, operation in product(denying, Operation):
-            allowed = decisions.allowed(each.grant, operation)
-            beyond = decisions.met(allowed) & ~allowed & bits(each.named(operation))
-            found.setdefault((id(each.source), operation), set()).update(system.profiles if beyond else ())
-    return found
+def _about(criterion: Criterion, system: System, channels: int) -> bool:
+    """Whether the criterion lists the topic of one of the channels."""
+    texts = [text.text for text in criterion.topics]
+    return any(any_matches(texts, system.channels[n].topic, Matcher.POSIX) for n in members(channels))

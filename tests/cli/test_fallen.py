@@ -45,7 +45,7 @@ def test_nobody_compromised_is_that_nobody_attacks(sample: str, ends: tuple[str,
 @pytest.mark.parametrize("source", ["outsider", "/telematics"])
 def test_an_outsider_attacks_whoever_is_compromised(source: str) -> None:
     done = run("flow", "flows/vehicle_healthy", source, "/motor", "--compromised", "1", *AT)
-    assert ("FROM is an outsider" in done.stderr) is (source == "outsider")
+    assert ("--compromised, which is about enclaves" in done.stderr) is (source == "outsider")
     assert (done.returncode == 2) is (source == "outsider")
 
 

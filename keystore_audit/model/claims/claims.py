@@ -154,8 +154,9 @@ def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channel
             raise UsageError(f"{at(claim.place)}{one} is on both sides, and nothing else.")
         if claim.kind is ClaimKind.NO_FLOW and claim.source.outsider and claim.attacker is Attacker.HONEST:
             raise UsageError(
-                f"{at(marked(claim, 'outsider'))}nothing can get from the outsider as long as nobody attacks "
-                "(attacker honest): without a key, to send is to attack. Expected attacker source or relays."
+                f"{at(marked(claim, 'outsider'))}nothing can get from the outsider as long as it does not attack "
+                "(attacker honest, or --compromised, which is about enclaves): without a key, to send is to attack. "
+                "Expected attacker source or relays."
             )
 
 
