@@ -92,4 +92,4 @@ def test_settings_say_who_takes_it_upon_himself(tmp_path: Path) -> None:
     settings.write_text(said.replace("nothing-else", "nothing"), "utf-8")
     done = run_at(HEALTHY, *AUDIT, "--settings", str(settings))
     assert done.returncode == 2
-    assert "s.toml:2: Invalid enum value 'nothing-certified'; expected authorities-as-found, " in done.stderr
+    assert "s.toml:2: name: Invalid enum value 'nothing-certified'; expected authorities-as-found, " in done.stderr
