@@ -20,9 +20,9 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
 from keystore_audit.model.claims.globs import nearest
 from keystore_audit.model.claims.stated import Claim
-from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind
+from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind, search_of
 from keystore_audit.model.formal.attacker import trust_domain_views
-from keystore_audit.model.formal.flow import Flows, search_of
+from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import claimed_systems
 from keystore_audit.model.participants.doubt import keystore_doubts

@@ -10,11 +10,11 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from keystore_audit.engine.moments import changes
-from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place, Search, search_of
 from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.fallen import Fall, falls
-from keystore_audit.model.formal.flow import Flows, Leg, Search, search_of
+from keystore_audit.model.formal.flow import Flows, Leg
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.result import Answer, Role, Status, Witness

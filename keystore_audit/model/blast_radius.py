@@ -19,10 +19,10 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import ANY_TOPIC, MAX_CELLS, Channels
-from keystore_audit.model.formal.asked import Attacker, Place
+from keystore_audit.model.formal.asked import Attacker, Place, Search
 from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits, members, union
-from keystore_audit.model.formal.flow import Flows, Lane, Search
+from keystore_audit.model.formal.flow import Flows, Lane
 from keystore_audit.model.formal.influence import Influence
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import documents_of, system_documents

@@ -15,9 +15,9 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.flow import FlowQuestion, questions
 from keystore_audit.keystore.typed import ProtectionKind
 from keystore_audit.model.formal import fallen
-from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, search_of
 from keystore_audit.model.formal.attacker import trust_domain_views
-from keystore_audit.model.formal.flow import Flows, search_of
+from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Status
 from tests.amount import tried

@@ -8,10 +8,10 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.engine.native_claims import claims_at
-from keystore_audit.model.formal.asked import Attacker, ClaimKind, Place
+from keystore_audit.model.formal.asked import Attacker, ClaimKind, Place, Search
 from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import union
-from keystore_audit.model.formal.flow import Flows, Search
+from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.system import System
 from tests.engine.systems import random_system, with_claims

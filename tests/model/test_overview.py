@@ -15,10 +15,10 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.formal.asked import Attacker, Place
+from keystore_audit.model.formal.asked import Attacker, Place, Search
 from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import members
-from keystore_audit.model.formal.flow import Flows, Search
+from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.question import Question
 from keystore_audit.model.systems import SystemBuilder

@@ -27,10 +27,10 @@ from keystore_audit.model.comparison.grants import (
 )
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.formal import rights as outsiders
-from keystore_audit.model.formal.asked import Attacker, Place
+from keystore_audit.model.formal.asked import Attacker, Place, Search
 from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
-from keystore_audit.model.formal.flow import Flows, Lane, Leg, Search
+from keystore_audit.model.formal.flow import Flows, Lane, Leg
 from keystore_audit.model.formal.influence import Influence
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.truth import Truth

@@ -224,3 +224,34 @@ class PlaceAtom(Struct, frozen=True, kw_only=True):
     enclaves: frozenset[int] | None
     channels: frozenset[int] | None
     unread: bool = False
+
+
+class Search(Struct, frozen=True, kw_only=True):
+    """What a flow is asked for. `through`: enclaves that it may not pass. `left_out`: channels that no hop takes.
+
+    Of attacker HONEST only: `compromised`, enclaves that attack as relays do, while all others are honest; `own`: every
+    enclave uses its own permissions document alone. `keeping`: participants who got it before and may have kept it, so
+    that it goes on from them too (`engine/native_claims.py`).
+    """
+
+    attacker: Attacker
+    source: Place = Place()
+    target: Place = Place()
+    through: frozenset[int] = frozenset()
+    left_out: frozenset[int] = frozenset()
+    compromised: frozenset[int] = frozenset()
+    own: bool = False
+    keeping: frozenset[int] = frozenset()
+
+
+def search_of(claim: ClaimAtom) -> Search:
+    """The flow that a claim is about: one that must not be, or one that must be though nobody attacks."""
+    own = claim.kind is ClaimKind.ABLE
+    return Search(
+        attacker=Attacker.HONEST if own else claim.attacker,
+        source=claim.source,
+        target=claim.target,
+        through=claim.through,
+        left_out=claim.left_out,
+        own=own,
+    )

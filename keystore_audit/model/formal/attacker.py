@@ -38,11 +38,9 @@ class TrustDomainView:
         subject = self._system.certificates[certificate]
         if in_force and not self._permissions.in_force(subject.not_before, subject.not_after):
             return False
-        for number in subject.issuers & pool:
-            issuer = self._system.certificates[number]
-            if issuer.authority and (not in_force or self._permissions.in_force(issuer.not_before, issuer.not_after)):
-                return True
-        return False
+        issuers = (self._system.certificates[number] for number in subject.issuers & pool)
+        known = self._permissions.in_force
+        return any(by.authority and (not in_force or known(by.not_before, by.not_after)) for by in issuers)
 
     def authenticated(self, enclave: int) -> bool:
         """Whether peers take the enclave for one of theirs."""
@@ -83,8 +81,7 @@ class TrustDomainView:
     def _chained(self) -> frozenset[int]:
         """Certificates below the permissions CAs, over authorities that any document may bring along."""
         certificates = self._system.certificates
-        found: set[int] = set()
-        pending = set(self._trust_domain.permissions_ca)
+        found, pending = set[int](), set(self._trust_domain.permissions_ca)
         while pending:
             trusted = {number for number in pending if certificates[number].authority}
             issued = {number for number, c in enumerate(certificates) if c.issuers & trusted}
@@ -94,22 +91,19 @@ class TrustDomainView:
 
     def self_granting(self, enclave: int) -> bool:
         """Whether the enclave can sign itself permissions that peers take: with the CA's key, or one it vouches for."""
-        known = self._self_granting.get(enclave)
-        if known is None:
-            known = self._self_granting[enclave] = self._signs_for_itself(enclave)
-        return known
+        if enclave not in self._self_granting:
+            self._self_granting[enclave] = self._signs_for_itself(enclave)
+        return self._self_granting[enclave]
 
     def _signs_for_itself(self, enclave: int) -> bool:
-        atom = self._system.enclaves[enclave]
+        identity = self._system.enclaves[enclave].identity
         if not (self.issuing(enclave) or self.authenticated(enclave)):
             return False
         unread = any(self._system.certificates[number].opaque for number in self._trust_domain.permissions_ca)
         if unread or self._system.anybody(enclave) or self._signed_elsewhere:
             return True
-        if atom.identity is None:
-            return False
-        key = self._system.certificates[atom.identity].key
-        return key in self.authority_keys or key in self.signing_keys
+        keys = self.authority_keys | self.signing_keys
+        return identity is not None and self._system.certificates[identity].key in keys
 
     @cached_property
     def signing_below(self) -> frozenset[int]:
@@ -136,10 +130,8 @@ class TrustDomainView:
 
     @cached_property
     def _issuing_keys(self) -> frozenset[int]:
-        certificates = self._system.certificates
-        return frozenset(
-            certificates[each].key for each in self._trust_domain.identity_ca if certificates[each].authority
-        )
+        authorities = (self._system.certificates[number] for number in self._trust_domain.identity_ca)
+        return frozenset(each.key for each in authorities if each.authority)
 
     @cached_property
     def authority_keys(self) -> frozenset[int]:
@@ -183,7 +175,7 @@ class TrustDomainView:
 
         An opaque document may say so, and any grant may name an opaque enclave.
         """
-        if self._any_opaque or self._system.anybody(enclave):
+        if self._of_unknown_rights(enclave):
             return self._permissions.all_channels
         return self.granted(enclave, operation)
 
@@ -199,9 +191,9 @@ class TrustDomainView:
         grants = self._permissions.granting(self.accepted)
         return self._permissions.met(union(self._permissions.allowed(grant, operation) for grant in grants))
 
-    def _unbounded(self, enclave: int) -> bool:
-        """Whether it may have any right: by a document that it signs itself, or by one that we could not read."""
-        return self._any_opaque or self._system.anybody(enclave) or self.self_granting(enclave)
+    def _of_unknown_rights(self, enclave: int) -> bool:
+        """Whether it may have any right by what we could not read."""
+        return self._any_opaque or self._system.anybody(enclave)
 
     def _right(self, identity: int | None, operation: Operation, *, genuine: bool) -> int:
         key = (identity, operation, genuine)
@@ -214,8 +206,8 @@ class TrustDomainView:
 
     def joined(self, enclave: int) -> int:
         """Domains that the enclave can join."""
-        anything, issuing = self._unbounded(enclave), self.issuing(enclave)
-        return self._joined_with(enclave, self.accepted, anything=anything, issuing=issuing)
+        anything = self._of_unknown_rights(enclave) or self.self_granting(enclave)
+        return self._joined_with(enclave, self.accepted, anything=anything, issuing=self.issuing(enclave))
 
     def _joined_with(self, enclave: int, documents: frozenset[int], *, anything: bool, issuing: bool) -> int:
         """Domains that it can join with the grants of these documents alone, or with any (`anything`).
@@ -251,15 +243,15 @@ class TrustDomainView:
         if not (self.self_granting(enclave) or self.issuing(enclave)):
             return self.abilities(enclave)
         if enclave not in self._honest:
-            anything = self._any_opaque or self._system.anybody(enclave)
             rights = [self._held(enclave, operation) for operation in Operation]
+            anything = self._of_unknown_rights(enclave)
             joined = self._joined_with(enclave, self.accepted, anything=anything, issuing=False)
             self._honest[enclave] = self._able(joined, rights, *self._alone(enclave))
         return self._honest[enclave]
 
     def _held(self, enclave: int, operation: Operation) -> int:
         """Channels for which documents that are there give it the right."""
-        if self._any_opaque or self._system.anybody(enclave):
+        if self._of_unknown_rights(enclave):
             return self._permissions.all_channels
         return self._right(self._system.enclaves[enclave].identity, operation, genuine=False)
 
@@ -280,8 +272,7 @@ class TrustDomainView:
     @cached_property
     def elsewhere(self) -> Mapping[int, Abilities]:
         """By certificate that no enclave here has: what whoever has it can do with the grants that name it."""
-        here = {enclave.identity for enclave in self._system.enclaves}
-        found = {}
+        here, found = {enclave.identity for enclave in self._system.enclaves}, {}
         for number in range(len(self._system.certificates)):
             if number in here or not (self.open or self._known(number)):
                 continue

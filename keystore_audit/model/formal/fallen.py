@@ -12,9 +12,9 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.model.formal.asked import Attacker
+from keystore_audit.model.formal.asked import Attacker, Search
 from keystore_audit.model.formal.bit_sets import bits, union
-from keystore_audit.model.formal.flow import Flows, Leg, Search
+from keystore_audit.model.formal.flow import Flows, Leg
 
 MAX_WORK: Final = 1_000_000
 """Sets that are tried, times pairs of a trust domain and a participant: half a minute."""

@@ -21,10 +21,10 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.asked import Attacker
+from keystore_audit.model.formal.asked import Attacker, Search
 from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits, members
-from keystore_audit.model.formal.flow import Flows, Lane, Search
+from keystore_audit.model.formal.flow import Flows, Lane
 from keystore_audit.model.formal.steps import decided
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import certificates_of
