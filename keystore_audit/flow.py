@@ -20,9 +20,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
 from keystore_audit.model.claims.globs import nearest
 from keystore_audit.model.claims.stated import Claim
-from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind, search_of
-from keystore_audit.model.formal.attacker import trust_domain_views
-from keystore_audit.model.formal.flow import Flows
+from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import claimed_systems
 from keystore_audit.model.participants.doubt import keystore_doubts
@@ -100,7 +98,7 @@ def find_flow(
     where there are too many classes of names.
     """
     claims, profiles, at = questions(question), given.profiles, given.at
-    keystore, accesses, native = _asked(path, claims, given)
+    keystore, accesses, native = posed(path, claims, given)
     engines = engines or Engines()
     results, falls = tuple[AssertedResult, ...](), tuple[FallResult, ...]()
     if question.compromised is None:
@@ -132,31 +130,19 @@ def find_flow(
     )
 
 
-def _asked(
+def posed(
     path: str | os.PathLike[str], claims: tuple[Claim, ...], given: Circumstances
 ) -> tuple[Keystore, AccessViews, NativeEngine]:
-    """The keystore, what its documents say within the budget, and the engine that is asked about the claims."""
+    """The keystore, what its documents say within the budget, and the engine that is asked about the claims.
+
+    Raises as `find_flow`.
+    """
     keystore = given.keystore(path)
     accesses = given.accesses(keystore)
     usabilities = Usabilities(None, accesses)
     about = keystore, given.profiles, given.at, accesses, usabilities
     systems, _builder, accesses = claimed_systems(*about, {}, claims)
     return keystore, accesses, NativeEngine(systems)
-
-
-def reached(
-    path: str | os.PathLike[str], question: FlowQuestion, given: Circumstances
-) -> dict[str, frozenset[str | None]]:
-    """By profile, whom data gets to from the source, what could not be read doing anything; None: the outsider.
-
-    Of the first attacker. Raises as `find_flow`.
-    """
-    found = dict[str, frozenset[str | None]]()
-    for system in _asked(path, questions(question), given)[2].systems[::-1]:  # of each kind the larger reading is first
-        there = Flows(system, trust_domain_views(system)).reached(search_of(system.claims[0]))
-        labels = [*(enclave.label for enclave in system.enclaves), None]
-        found.update(dict.fromkeys(system.profiles, frozenset(labels[each] for each in there)))
-    return found
 
 
 def questions(question: FlowQuestion) -> tuple[Claim, ...]:

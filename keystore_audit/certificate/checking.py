@@ -6,7 +6,9 @@ what may be inside and which lines refuse the rest; the question comes from whoe
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence, Set
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -19,11 +21,14 @@ from keystore_audit.certificate.documents import Domains
 from keystore_audit.certificate.errors import CannotTell, Refused
 from keystore_audit.certificate.kinds import Row, row
 from keystore_audit.certificate.names import Expressions, matches
-from keystore_audit.certificate.powers import OUTSIDER, Because, Name, Peers
+from keystore_audit.certificate.powers import CERTIFIED, OUTSIDER, Because, Name, Peers
 from keystore_audit.certificate.reading import Enclave, Store, read
 
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
 """Topics that nearly every node has a right to: no flow takes them, unless they are asked about."""
+
+INSIDER: Final = "insider"
+"""Against whom something is encrypted: whoever has an identity, of an enclave here or elsewhere, and the outsider."""
 
 EVERYBODY: Final = "*"
 """Whom a reason is about where there is no such topic."""
@@ -35,7 +40,7 @@ TAKEN, OVERHEARD = "taken", "overheard"
 """The ways of a sample: to a reader who listens for it; to who reads what is on the network."""
 
 
-class Property(Struct, frozen=True, rename={"source": "from", "target": "to"}):
+class NoFlow(Struct, frozen=True, tag_field="kind", tag="no-flow", rename={"source": "from", "target": "to"}):
     """That nothing gets from one place to another, under an attacker: honest, source or relays.
 
     Places as on the command line. `through`: enclaves over which a flow does not count.
@@ -46,7 +51,23 @@ class Property(Struct, frozen=True, rename={"source": "from", "target": "to"}):
     attacker: str = "relays"
     through: tuple[str, ...] = ()
     include_ambient: bool = False
-    kind: str = "no-flow"
+
+
+class OnlyPublish(Struct, frozen=True, tag_field="kind", tag="only-publish"):
+    """That nobody but these enclaves (globs) may publish a topic, which is written as in settings."""
+
+    topic: str
+    enclaves: tuple[str, ...]
+
+
+class Encrypted(Struct, frozen=True, tag_field="kind", tag="encrypted"):
+    """That nobody reads the topic: no outsider; `against` insider: nobody whom no grant lets read it."""
+
+    topic: str
+    against: str
+
+
+Property = NoFlow | OnlyPublish | Encrypted
 
 
 class Inside(Struct, frozen=True):
@@ -59,7 +80,7 @@ class Inside(Struct, frozen=True):
 
 
 class Refusal(Struct, frozen=True):
-    """Why a participant inside does not put anything on a name outside, or one outside gets nothing of one inside."""
+    """Why a participant does not put anything on a name outside, or gets nothing of one inside."""
 
     participant: str
     peers: str
@@ -69,7 +90,9 @@ class Refusal(Struct, frozen=True):
 
 
 class Compartment(Struct, frozen=True):
-    """For implementations that agree in it: who and what may be inside."""
+    """For implementations that agree in it: who and what may be inside. Of only-publish that is who may publish, of
+    encrypted the names of the topic.
+    """
 
     profiles: tuple[str, ...]
     participants: tuple[str, ...]
@@ -110,11 +133,9 @@ class Checker:
         self.store, self._asked, self._given = read(keystore), asked, given
         if {*given.not_assumed} - {"truthful-announcements"}:
             raise CannotTell("without these assumptions nobody can tell")
-        if asked.kind != "no-flow" or asked.attacker not in ("honest", "source", "relays"):
-            raise CannotTell("the checker does not know such a property")
         self._written = {topic for _domains, topics in _rules(self.store) for topic in topics}
-        globs = [_dds(place) for place in (asked.source, asked.target) if ":" in place]
-        self.expressions = Expressions([*self._written, *globs, *AMBIENT])
+        places = (asked.source, asked.target) if isinstance(asked, NoFlow) else (f"topic:{asked.topic}",)
+        self.expressions = Expressions([*self._written, *(_dds(each) for each in places if ":" in each), *AMBIENT])
         self._implementations: dict[Row, Implementation] = {}
         for each in self.store.enclaves:
             for ca, trusted in ((each.identity_ca, given.identity_cas), (each.permissions_ca, given.permissions_cas)):
@@ -157,15 +178,26 @@ class Checker:
         if found not in self._implementations:
             if found.matches_octets and any("?" in text for text in self._written):
                 raise CannotTell("? stands for a character or an octet, as the locale of a process has it")
-            self._implementations[found] = Implementation(self, self._asked, self._given, found)
+            asked, given = self._asked, self._given
+            kind = Flow(self, given, found, asked) if isinstance(asked, NoFlow) else Right(self, given, found, asked)
+            self._implementations[found] = kind
         return self._implementations[found]
 
 
-class Implementation:
+class Implementation(ABC):
     """A keystore as one implementation has it, and a property of it."""
 
-    def __init__(self, checker: Checker, asked: Property, given: Given, found: Row) -> None:
-        self._store, self._asked = checker.store, asked
+    source: Set[str]
+    """Who has to be inside."""
+
+    free: Set[str] = frozenset()
+    """Who else may be."""
+
+    putting: tuple[str, ...] = ("publish",)
+    """The rights by which somebody puts something on a name."""
+
+    def __init__(self, checker: Checker, given: Given, found: Row) -> None:
+        self._store = checker.store
         self.names, self._expressions = checker.names, checker.expressions
         alike: dict[object, list[Enclave]] = {}
         for each in self._store.enclaves:
@@ -174,34 +206,103 @@ class Implementation:
         same = self._expressions, found, given.at, not given.not_assumed
         self.peers = [Peers(self._store, members, *same) for members in alike.values()]
         self.participants = [*(each.path for each in self._store.enclaves), OUTSIDER]
-        self._source, self._target = (self._enclaves(place) for place in (asked.source, asked.target))
-        self._listening = {"relays": {*self.participants}}.get(asked.attacker, {OUTSIDER})
-        self._ending = (TAKEN, OVERHEARD) if asked.attacker == "relays" else (TAKEN,)
-        self._attacking = {"relays": self._listening, "source": self._source}.get(asked.attacker, set[str]())
-        self._passed = {path for glob in asked.through for path in self._enclaves(glob)} - self._source - self._target
-        topics = (self._in(asked.source, name) and self._in(asked.target, name) for name in self.names)
-        if self._source & self._target or any(topics):
-            raise CannotTell("both places share something")
 
-    def _enclaves(self, place: str) -> set[str]:
-        """The participants of a place, none where it is topics."""
-        if place == OUTSIDER:
-            return {OUTSIDER}
-        if ":" in place:
-            return set()
-        found = {each.path for each in self._store.enclaves if matches(place, each.path)}
+    def _named(self, glob: str) -> set[str]:
+        """The enclaves of a glob."""
+        found = {each.path for each in self._store.enclaves if matches(glob, each.path)}
         if not found:
-            raise CannotTell(f"{place} names no enclave here")
+            raise CannotTell(f"{glob} names no enclave here")
         return found
 
     def _in(self, place: str, name: Name) -> bool:
         """Whether the name is one of the place's topics."""
         return ":" in place and bool(self._expressions.ends[_dds(place)] & name.ends)
 
-    def _crossed(self, name: Name) -> bool:
+    @abstractmethod
+    def asks(self, name: Name) -> bool:
+        """Whether the property is about the name."""
+
+    @abstractmethod
+    def hops(self, peers: Peers, name: Name, inside: Set[str]) -> Iterator[tuple[str, bool, Mapping[str, bool]]]:
+        """By way, whether the name is inside, and who must get nothing of it then, or else put nothing there: does it?
+
+        Raises Refused where it must not be inside.
+        """
+
+    def compartment(self, inside: Set[str]) -> Compartment:
+        """The one with these participants. Raises Refused for the first hop out of it that nothing refuses."""
+        names, refused = list[Inside](), dict[Refusal, None]()
+        for peers, name in ((peers, name) for peers in self.peers for name in self.names if self.asks(name)):
+            place = peers.first.path, name.domain, name.topic
+            domain, rule = peers.rules(name)
+            if rule is None:
+                named = name.topic if domain else EVERYTHING
+                refused[Refusal(EVERYBODY, *place[:2], named, peers.refusals(OUTSIDER, name))] = None
+                continue
+            for way, held, whom in self.hops(peers, name, inside):
+                if held:
+                    names.append(Inside(way, *place))
+                for who, does in whom.items():
+                    if does:
+                        raise Refused(f"nothing refuses that {who} {'gets' if held else 'puts'} {_told(place)}")
+                    because = peers.refusals(who, name, *(("subscribe",) if held else self.putting))
+                    refused[Refusal(who, *place, because)] = None
+        return Compartment((), tuple(sorted(inside)), tuple(names), tuple(refused))
+
+    def check(self, found: Compartment) -> None:
+        """Accepts the compartment, or raises Refused."""
+        inside = {*found.participants}
+        if not self.source <= inside <= self.source | self.free:
+            raise Refused("who is inside is not all from whom it begins, or somebody who must not be, or nobody here")
+        wanted, told = self.compartment(inside), {*found.refused}
+        for each in wanted.refused:
+            if each not in told:
+                place = _told((each.peers, each.domain, each.topic))
+                raise Refused(f"no reason, or none that is true, why {each.participant} takes no part in {place}")
+        if msgspec.structs.replace(wanted, profiles=found.profiles) != found:
+            raise Refused("the compartment holds other names than those inside put something on, or idle reasons")
+
+
+class Flow(Implementation):
+    """Whether nothing gets from one place to another."""
+
+    putting = ("publish", "subscribe")  # whoever reads can forge, mostly
+
+    def __init__(self, checker: Checker, given: Given, found: Row, asked: NoFlow) -> None:
+        super().__init__(checker, given, found)
+        self._asked = asked
+        self.source, target = (self._enclaves(place) for place in (asked.source, asked.target))
+        everybody = {*self.participants}
+        attacking = {"honest": set[str](), "source": self.source, "relays": everybody}.get(asked.attacker)
+        topics = (self._in(asked.source, name) and self._in(asked.target, name) for name in self.names)
+        if attacking is None or self.source & target or any(topics):
+            raise CannotTell("both places share something, or there is no such attacker")
+        self._attacking, relays = attacking, asked.attacker == "relays"
+        self._listening = everybody if relays else {OUTSIDER}
+        self._ending = (TAKEN, OVERHEARD) if relays else (TAKEN,)
+        self._passed = {path for glob in asked.through for path in self._enclaves(glob)} - self.source - target
+        self.free = everybody - target
+
+    def _enclaves(self, place: str) -> set[str]:
+        """The participants of a place, none where it is topics."""
+        return {OUTSIDER} if place == OUTSIDER else set() if ":" in place else self._named(place)
+
+    def asks(self, name: Name) -> bool:
         """Whether flows take the name, or begin or end there."""
         ambient = not self._asked.include_ambient and any(self._expressions.ends[each] & name.ends for each in AMBIENT)
         return not ambient or self._in(self._asked.source, name) or self._in(self._asked.target, name)
+
+    def hops(self, peers: Peers, name: Name, inside: Set[str]) -> Iterator[tuple[str, bool, Mapping[str, bool]]]:
+        """Inside is where somebody inside puts something, or the flow begins; not where it ends."""
+        within = [who for who in self.participants if who in inside]
+        outside = [who for who in self.participants if who not in inside | self._passed]
+        for way in (TAKEN, OVERHEARD):
+            held = self._in(self._asked.source, name) or any(self.puts(peers, who, name, way) for who in within)
+            if held and self._in(self._asked.target, name) and way in self._ending:
+                place = peers.first.path, name.domain, name.topic
+                raise Refused(f"where the flow ends, nothing refuses {_told(place)}")
+            does, whom = (self.gets, outside) if held else (self.puts, within)
+            yield way, held, {who: does(peers, who, name, way) for who in whom}
 
     def puts(self, peers: Peers, who: str, name: Name, way: str) -> bool:
         """Whether somebody puts samples on a name in one of the ways."""
@@ -216,46 +317,33 @@ class Implementation:
             return who in self._listening and (powers.reads or powers.overhears)
         return who in peers.members and (powers.reads or (bool(self._attacking) and powers.own_reads))
 
-    def compartment(self, inside: set[str]) -> Compartment:
-        """The one with these participants, and with the names that one of them puts something on or the flow begins at.
 
-        Raises Refused for the first hop out of it that nothing refuses.
-        """
-        names, refused = list[Inside](), dict[Refusal, None]()
-        outside = [who for who in self.participants if who not in inside | self._passed]
-        within = [who for who in self.participants if who in inside]
-        for peers, name in ((peers, name) for peers in self.peers for name in self.names if self._crossed(name)):
-            place = peers.first.path, name.domain, name.topic
-            domain, rule = peers.rules(name)
-            if rule is None:
-                named = name.topic if domain else EVERYTHING
-                refused[Refusal(EVERYBODY, *place[:2], named, peers.refusals(OUTSIDER, name, "publish"))] = None
-                continue
-            for way in (TAKEN, OVERHEARD):
-                held = self._in(self._asked.source, name) or any(self.puts(peers, who, name, way) for who in within)
-                if held:
-                    names.append(Inside(way, *place))
-                    if self._in(self._asked.target, name) and way in self._ending:
-                        raise Refused(f"where the flow ends, nothing refuses {_told(place)}")
-                for who in outside if held else within:
-                    if held and self.gets(peers, who, name, way):
-                        raise Refused(f"nothing refuses that {who} gets {_told(place)}")
-                    because = peers.refusals(who, name, "subscribe" if held else "publish")
-                    refused[Refusal(who, *place, because)] = None
-        return Compartment((), tuple(sorted(inside)), tuple(names), tuple(refused))
+class Right(Implementation):
+    """Whether nobody else publishes a topic, or reads it, whoever else may have an identity."""
 
-    def check(self, found: Compartment) -> None:
-        """Accepts the compartment, or raises Refused."""
-        inside = {*found.participants}
-        if self._source - inside or self._target & inside or not inside <= {*self.participants}:
-            raise Refused("who is inside is not all from whom the flow begins, or is where it ends, or nobody here")
-        wanted, told = self.compartment(inside), {*found.refused}
-        for each in wanted.refused:
-            if each not in told:
-                place = _told((each.peers, each.domain, each.topic))
-                raise Refused(f"no reason, or none that is true, why {each.participant} takes no part in {place}")
-        if msgspec.structs.replace(wanted, profiles=found.profiles) != found:
-            raise Refused("the compartment holds other names than those inside put something on, or idle reasons")
+    def __init__(self, checker: Checker, given: Given, found: Row, asked: OnlyPublish | Encrypted) -> None:
+        super().__init__(checker, given, found)
+        globs, self._against = (asked.enclaves, "") if isinstance(asked, OnlyPublish) else ((), asked.against)
+        if self._against not in ("", OUTSIDER, INSIDER):
+            raise CannotTell("there is no such attacker")
+        self._topic = f"topic:{asked.topic}"
+        self.source = {path for glob in globs for path in self._named(glob)}
+
+    def asks(self, name: Name) -> bool:
+        """Whether it is a name of the topic."""
+        return self._in(self._topic, name)
+
+    def hops(self, peers: Peers, name: Name, inside: Set[str]) -> Iterator[tuple[str, bool, Mapping[str, bool]]]:
+        """What is encrypted is inside, for whoever has a grant; else nothing is, and who has a subject inside may."""
+        everybody = (*self.participants, CERTIFIED, *peers.elsewhere)
+        powers = {who: peers.powers(who, name, True) for who in everybody}
+        if self._against:
+            asked = [who for who in everybody if who == OUTSIDER or self._against == INSIDER]
+            learns = {who: powers[who].reads or powers[who].overhears for who in asked if not peers.entitled(who, name)}
+            yield OVERHEARD, True, learns
+        else:
+            theirs = {each.identity.subject for each in self._store.enclaves if each.path in inside}
+            yield TAKEN, False, {who: powers[who].writes for who in everybody if who not in inside | theirs}
 
 
 def _told(place: tuple[str, int, str]) -> str:
@@ -265,10 +353,10 @@ def _told(place: tuple[str, int, str]) -> str:
 
 def _dds(place: str) -> str:
     """The expression of DDS topics that a place of topics is."""
-    kind, _colon, glob = place.partition(":")
-    if kind not in ("topic", "dds") or not glob or (kind == "topic" and not glob.startswith("/")):
+    found = re.fullmatch("(?:topic:)?(?:(/.*)|dds:(.+))", place)
+    if found is None:
         raise CannotTell(f"{place} is no place that the checker knows")
-    return f"rt{glob}" if kind == "topic" else glob
+    return f"rt{found[1]}" if found[1] else found[2]
 
 
 def _rules(store: Store) -> Iterator[tuple[Domains, Sequence[str]]]:

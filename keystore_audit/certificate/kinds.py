@@ -4,31 +4,11 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import msgspec
 
 from keystore_audit.certificate.errors import CannotTell
-
-_UNDERSTOOD: Final[dict[str, tuple[object, ...]]] = {
-    "pins_signer": (True, False),
-    "skips_grants_out_of_date": (True, False),
-    "joins_out_of_date": (False,),
-    "binds_domains": (True, False),
-    "matcher": ("posix", "posix-noescape", "simple-brackets"),
-    "matches_octets": (True, False),
-    "honours_default": (True, False),
-    "partitions": ("of-the-criterion", "of-the-criterion-denied-in-default-one", "of-the-first-rule"),
-    "requires_grant": (True, False),
-    "any_governance_rule": (False,),
-    "authenticates_origin": (True,),
-    "subjects": (
-        *("exact", "pieces-in-order", "attributes-in-any-order"),
-        *("pieces-within", "pieces-within-blanks-off"),
-    ),
-    "trusts_declarations": (True, False),
-}
-"""By peculiarity the values that are understood."""
 
 _IDLE: Final = """
 topic_check relay syntax open_ranges dates joins revocation highest_domain refuses_unauthenticated_with_rtps
@@ -47,20 +27,35 @@ class Row(msgspec.Struct, frozen=True):
     binds_domains: bool
     matches_octets: bool
     honours_default: bool
-    partitions: str
+    partitions: Literal["of-the-criterion", "of-the-criterion-denied-in-default-one", "of-the-first-rule"]
     requires_grant: bool
-    subjects: str
+    subjects: Literal[
+        "exact", "pieces-in-order", "attributes-in-any-order", "pieces-within", "pieces-within-blanks-off"
+    ]
     trusts_declarations: bool
+
+
+class _Understood(Row, frozen=True, forbid_unknown_fields=True):
+    """With those of which all that are understood come to the same."""
+
+    matcher: Literal["posix", "posix-noescape", "simple-brackets"]
+    joins_out_of_date: bool
+    any_governance_rule: bool
+    authenticates_origin: bool
 
 
 def row(name: str) -> Row:
     """The row of this name. Raises CannotTell for a peculiarity, or a value of one, that the checker does not know."""
     table = _table()
     values = _values(table["implementation"], name)
-    for quirk in table["quirk"].keys() - _IDLE.split():
-        if values[quirk] not in _UNDERSTOOD.get(quirk, ()):
-            raise CannotTell(f"{name}: the checker does not know {quirk} = {values[quirk]!r}")
-    return msgspec.convert(values, Row)
+    told = {quirk: values[quirk] for quirk in table["quirk"].keys() - _IDLE.split()}
+    try:
+        found = msgspec.convert(told, _Understood)
+    except msgspec.ValidationError as error:
+        raise CannotTell(f"the checker does not know what {name} does: {error}") from error
+    if found.joins_out_of_date or found.any_governance_rule or not found.authenticates_origin:
+        raise CannotTell(f"the checker does not know what {name} does")
+    return msgspec.convert(found, Row, from_attributes=True)
 
 
 @cache

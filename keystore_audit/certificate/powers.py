@@ -16,6 +16,11 @@ from keystore_audit.certificate.names import Expressions
 from keystore_audit.certificate.reading import Enclave, Store
 
 OUTSIDER: Final = "outsider"
+"""Somebody on the network, without any key."""
+
+CERTIFIED: Final = "anybody certified"
+"""Somebody for whom the identity CA vouches, with a subject that no grant names."""
+
 _ANY_ZONE: Final = timedelta(hours=14)
 
 
@@ -72,19 +77,36 @@ class Peers:
         self._below = set[str]() if self._row.pins_signer else self._under(*signers) - signers
         signers |= self._below
         self._accepted = [each for each in store.permissions if each.signer in signers]
+        named = {grant.subject for document in store.permissions for grant in document.grants}
+        here = {each.identity.subject for each in store.enclaves if self.known(each.path)}
+        self.elsewhere = sorted(named - here)
+        """Subjects of grants that no enclave has whom these peers take: others may have them."""
         self.powers, self.rules, self.refusals = cache(self._powers), cache(self._rules), cache(self._refusals)
         self._grants = cache(self._grants_of)
 
     def _under(self, authority: str) -> set[str]:
         return {below for above, below in self._store.issued if above == authority}
 
-    def grants_itself(self, path: str) -> bool:
-        """Whether the enclave signs permissions for itself that peers take; whoever else signs may do it for it."""
-        return self._enclaves[path].identity.fingerprint in self._below or not self._below <= self._own
+    def _identities(self, who: str) -> set[str]:
+        """The certificate of an enclave; of who is none here, all that the identity CA issued stand for its own."""
+        return {self._enclaves[who].identity.fingerprint} if who in self._enclaves else self._vouched
 
-    def known(self, path: str) -> bool:
-        """Whether the identity CA vouches for the enclave."""
-        return self._enclaves[path].identity.fingerprint in self._vouched
+    def grants_itself(self, who: str) -> bool:
+        """Whether somebody signs permissions for itself that peers take; whoever else signs may do it for it."""
+        return not self._below.isdisjoint(self._identities(who)) or not self._below <= self._own
+
+    def known(self, who: str) -> bool:
+        """Whether the identity CA vouches for somebody."""
+        return self._identities(who) <= self._vouched
+
+    def entitled(self, who: str, name: Name) -> bool:
+        """Whether all that somebody reads there it reads by a grant of the permissions CA itself.
+
+        That its implementation may take such a right away does no harm, since it reads nothing then.
+        """
+        (_domain, topic), powers = self.rules(name), self.powers(who, name, True)
+        asked = topic is not None and topic.read and powers.reads and not powers.overhears
+        return asked and {each.signer for each, _grant in self._grants(who)} == {self.first.permissions_ca.fingerprint}
 
     def _rules(self, name: Name) -> tuple[DomainRule | None, TopicRule | None]:
         """What governs the channel."""
@@ -92,7 +114,7 @@ class Peers:
         under = domain.topics if domain else ()
         return domain, next((each for each in under if self._expressions.ends[each.expression] & name.ends), None)
 
-    def _powers(self, path: str, name: Name, attacks: bool) -> Powers:
+    def _powers(self, who: str, name: Name, attacks: bool) -> Powers:
         """Those of a participant, as anybody on the network and by its keys and rights."""
         domain, topic = self.rules(name)
         if domain is None or topic is None:
@@ -100,23 +122,24 @@ class Peers:
         clear = [not kind.startswith("ENCRYPT") for kind in (topic.metadata, topic.data, domain.rtps)]
         made = topic.metadata == topic.data == "NONE"
         overhears, forges = all(clear), made and (domain.unauthenticated or domain.rtps == "NONE")
-        if path == OUTSIDER or not self.known(path):
-            return Powers(overhears=overhears, forges=forges)
+        if who == OUTSIDER or not self.known(who):
+            return Powers(attacks and made and domain.unauthenticated, overhears=overhears, forges=forges)
         reads = writes = False
-        anything = attacks and self.grants_itself(path)
-        if anything or self._joins(path, name.domain, domain):
-            grants = [grant for _document, grant in self._grants(path)]
+        anything = attacks and self.grants_itself(who)
+        if anything or self._joins(who, name.domain, domain):
+            anything = anything or (attacks and self._row.trusts_declarations and not self._truthful)
+            grants = [grant for _document, grant in self._grants(who)]
             reads, writes = (
-                anything or not controlled or any(self._may(operation, name, grant) for grant in grants)
+                anything or not controlled or any(self._may(operation, name, each) for each in grants)
                 for operation, controlled in (("subscribe", topic.read), ("publish", topic.write))
             )
-            unasked = self._row.trusts_declarations and not self._truthful
             origin = topic.metadata.endswith("ORIGIN_AUTHENTICATION")
-            overhears = overhears or unasked or all(clear[:2])
-            forges = forges or unasked or (not origin and (reads or made))
-        member = path in self.members
-        own_writes = writes or (member and self._alone("publish", path, name, topic.write))
-        own_reads = reads or (member and self._alone("subscribe", path, name, topic.read))
+            relays = self._row.honours_default and any(each.allow for each in grants)
+            overhears = overhears or anything or (clear[1] and (clear[0] or relays))
+            forges = forges or (not origin and (reads or made or (relays and topic.data == "NONE")))
+        member = who in self.members
+        own_writes = writes or (member and self._alone("publish", who, name, topic.write))
+        own_reads = reads or (member and self._alone("subscribe", who, name, topic.read))
         return Powers(writes, reads, overhears, forges, own_writes, own_reads)
 
     def _alone(self, operation: str, path: str, name: Name, controlled: bool) -> bool:
@@ -125,9 +148,9 @@ class Peers:
         grants = [grant for document, grant in self._grants(path) if document == own]
         return not controlled or any(self._may(operation, name, grant, own=True) for grant in grants)
 
-    def _joins(self, path: str, domain: int, rule: DomainRule) -> bool:
-        grants = [grant for _document, grant in self._grants(path)]
-        if not rule.join and (grants or not self._row.requires_grant):
+    def _joins(self, who: str, domain: int, rule: DomainRule) -> bool:
+        grants = [grant for _document, grant in self._grants(who)]
+        if not rule.join and (grants or who == CERTIFIED or not self._row.requires_grant):
             return True
         return any(
             (self._row.honours_default and grant.allow)
@@ -182,30 +205,28 @@ class Peers:
             return False
         raise CannotTell(f"a grant for {grant.subject} begins or ends within 14 hours of the instant")
 
-    def _grants_of(self, path: str) -> list[tuple[Permissions, Grant]]:
-        """What counts for an enclave: peers take whatever document it presents."""
-        subject = self._enclaves[path].identity.subject
+    def _grants_of(self, who: str) -> list[tuple[Permissions, Grant]]:
+        """What counts for an enclave, or whoever has a subject: peers take whatever document it presents."""
+        subject = self._enclaves[who].identity.subject if who in self._enclaves else who
         return [(each, grant) for each in self._accepted for grant in self._chosen(each, subject)]
 
-    def _refusals(self, who: str, name: Name, operation: str) -> tuple[Because, ...]:
-        """The lines by which somebody does not get the operation there."""
+    def _refusals(self, who: str, name: Name, *operations: str) -> tuple[Because, ...]:
+        """The lines by which somebody does not get the operations there."""
         domain, topic = self.rules(name)
         path = self.first.governance.path
         if topic is None:
             return (self._because("ungoverned", path, domain),)
-        protected = self._because("protection", path, topic)
+        protected = tuple(self._because("protection", path, each) for each in (domain, topic))
         if who == OUTSIDER:
-            return (protected,)
+            return protected
         if not self.known(who):
-            return (Because("not vouched for", self.first.identity_ca.path, 1),)
-        found, asked = list[Because](), [operation]
-        if not topic.metadata.endswith("ORIGIN_AUTHENTICATION"):
-            asked = [*dict.fromkeys((operation, "subscribe"))]  # whoever reads can forge
-        for document, grant in self._grants(who):
-            for each in asked:
-                _allows, rule = self._decided(each, name, grant, binds=True)
-                found.append(self._because("rule" if rule else "default", document.path, rule or grant))
-        return (protected, *dict.fromkeys(found or [self._because("no grant", path, domain)]))
+            return (*protected, Because("not vouched for", self.first.identity_ca.path, 1))
+        found = dict.fromkeys(
+            self._because("rule" if rule else "default", document.path, rule or grant)
+            for document, grant in self._grants(who)
+            for _allows, rule in (self._decided(each, name, grant, binds=True) for each in operations)
+        )
+        return (*protected, *(found or (self._because("no grant", path, domain),)))
 
     def _because(self, rule: str, path: str, at: DomainRule | TopicRule | Rule | Grant | None) -> Because:
         return Because(rule, path, at.line if at is not None else 1)

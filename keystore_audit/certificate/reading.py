@@ -31,6 +31,9 @@ _PLACE: Final = re.compile(
 )
 _NEEDED: Final = ("cert.pem", "identity_ca.cert.pem", "permissions_ca.cert.pem", "governance.p7s", "permissions.p7s")
 _BLOCK: Final = re.compile(rb"-----BEGIN ([A-Z ]+)-----\n[A-Za-z0-9+/=\n]+-----END \1-----\n?")
+_AUTHORITY: Final = re.compile(r"(?:(?:^|,)[A-Z]+=[A-Za-z0-9 ._-]+)+")
+"""Subjects of which no grant of the plain form has a part."""
+
 _EXTENSIONS: Final = frozenset({"Basic Constraints", "Key Usage", "Subject Key Identifier", "Authority Key Identifier"})
 
 
@@ -224,8 +227,9 @@ def _check_use(
     if len({*keys}) < len(keys) or not enclaves:
         raise CannotTell("two certificates have one key, or there is no enclave")
     for each in certificates:
-        if len({each.authority, each.path.endswith("ca.cert.pem"), each.fingerprint in trusted}) > 1:
-            raise CannotTell(f"{each.path} is an authority that no enclave trusts, or an identity that is one")
+        ours = each.path.endswith("ca.cert.pem"), each.fingerprint in trusted, bool(_AUTHORITY.fullmatch(each.subject))
+        if {*ours} != {each.authority}:
+            raise CannotTell(f"{each.path} is an authority that no enclave trusts, or an identity, or called like one")
     for enclave in enclaves:
         vouched = (enclave.identity_ca.fingerprint, enclave.identity.fingerprint) in issued
         signed = enclave.governance.signer == enclave.permissions_ca.fingerprint

@@ -10,7 +10,7 @@ import click
 from keystore_audit.cli import options as opt
 from keystore_audit.cli import output, types
 from keystore_audit.cli.check import question
-from keystore_audit.cli.flow import exit_code, rendered
+from keystore_audit.cli.flow import exit_code
 from keystore_audit.cli.program import Command
 from keystore_audit.errors import AuditError
 from keystore_audit.text import terminal
@@ -27,14 +27,19 @@ def command(keystore: str, words: tuple[str, ...], file: Path, **given: Any) -> 
 
     \b
     PROPERTY:
-      no-flow FROM TO   nothing gets from FROM to TO (places as for flow)
+      no-flow FROM TO                   nothing gets from FROM to TO (places
+                                        as for flow)
+      only-publish TOPIC ENCLAVE...     nobody but these enclaves (globs) may
+                                        publish TOPIC (/cmd_vel or
+                                        dds:rt/cmd_vel, globs)
+      encrypted TOPIC outsider|insider  nobody reads TOPIC without a key, or
+                                        nobody whom no grant lets read it
     \b
     Exit codes:
       0   written, and accepted by the checker
-      1   there is a flow; nothing is written
+      1   it is violated; nothing is written
       2   wrong usage, or a place that names nothing in the keystore
-      4   it is unknown whether there is, or the checker cannot follow; nothing
-          is written
+      4   unknown, or the checker cannot follow; nothing is written
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.certificate.errors import NotAccepted
     from keystore_audit.prove import prove
@@ -42,15 +47,17 @@ def command(keystore: str, words: tuple[str, ...], file: Path, **given: Any) -> 
     target = output.Target(format="json", path=file)
     output.check((target,), (keystore,))
     asked, told = question(words, keystore, given)
+    circumstances = opt.reading({**given, "at": told.at, "time_zone": None, "roots": ()}, None)
     try:
-        answer, certificate = prove(
-            Path(keystore), asked, opt.reading({**given, "at": told.at, "time_zone": None, "roots": ()}, None), told
-        )
+        result, certificate = prove(Path(keystore), asked, circumstances, told)
     except NotAccepted as why:
         raise AuditError(f"The checker cannot follow: {why}.") from why
     if certificate is None:
-        output.write_stdout(rendered(answer, "text"))
-        return exit_code(answer.status)
+        from keystore_audit.report.flow import answers
+
+        said = [terminal(result.prop.statement), *answers(result, result.profiles, {}, set())]
+        output.write_stdout("\n".join(said) + "\n")
+        return exit_code(result.status)
     output.write(target, certificate.decode())
     output.write_stdout(f"proved: {terminal(str(file))}\n")
     return 0

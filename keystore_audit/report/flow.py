@@ -125,14 +125,7 @@ def text(told: Told, engines: Sequence[EngineRun], doubts: Sequence[Location], *
     lines += ["", *map(unbroken, told.first)] if told.first else []
     shown: set[tuple[Step, ...]] = set()
     for heading, result in told.sections[:MAX_SHOWN]:
-        lines += ["", unbroken(f"{heading}:")]
-        for answer, names in worst_first(
-            result.profiles, lambda each: each.counterexample and each.counterexample.text
-        ):
-            under = profiles(names, told.every)
-            lines.append(unbroken(under, f"  {_WORDS[answer.status]:<8} ", " " * 11))
-            if answer.counterexample is not None:
-                lines += path_lines(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
+        lines += ["", unbroken(f"{heading}:"), *answers(result, told.every, _WORDS, shown)]
     if others := [heading for heading, _result in told.sections[MAX_SHOWN:]]:
         lines += ["", unbroken(f"Not shown: {some(others, MAX_LISTED)}.")]
     lines.append("")
@@ -156,6 +149,16 @@ def deciding(engines: Iterable[EngineRun]) -> Iterator[str]:
 def engines_told(engines: Iterable[EngineRun]) -> dict[str, dict[str, Any]]:
     """What became of each, for JSON."""
     return {run.name: picked(run, "version", "status", "reason") for run in engines}
+
+
+def answers(
+    result: AssertedResult, every: Collection[str], words: Mapping[Status, str], shown: set[tuple[Step, ...]]
+) -> Iterator[str]:
+    """What is answered under which of `every` profile asked about, and how it is violated, save what is `shown`."""
+    for answer, names in worst_first(result.profiles, lambda each: each.counterexample and each.counterexample.text):
+        yield unbroken(profiles(names, every), f"  {words.get(answer.status, answer.status.value):<8} ", " " * 11)
+        if answer.counterexample is not None:
+            yield from path_lines(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
 
 
 def path_lines(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) -> list[str]:

@@ -136,7 +136,7 @@ def place(word: str) -> Globs:
 def _claim(table: PropertyTable, source: Source, forwards: tuple[Forward, ...]) -> Claim | Determinism:
     if table.name in BY_ID:
         source.at("name").wrong(f"{table.name!r} is the name of a property that is always decided")
-    known = (*_FORMS, "deterministic")
+    known = (*FORMS, "deterministic")
     forms = [form for form in known if getattr(table, form) is not None]
     if len(forms) != 1:
         source.wrong(f"expected exactly one of {', '.join(known)} in property {table.name!r}, found {len(forms)}")
@@ -145,7 +145,7 @@ def _claim(table: PropertyTable, source: Source, forwards: tuple[Forward, ...]) 
         if table.until is not None:
             source.at("until").wrong("expected no until beside deterministic: it is decided at the audit instant")
         return read_determinism(table, table.deterministic, forwards, source)
-    said = _FORMS[form](getattr(table, form), source.at(form))
+    said = FORMS[form](getattr(table, form), source.at(form))
     statement = said.pop("statement")
     return Claim(
         id=table.name,
@@ -221,13 +221,14 @@ def _never_share_domain(sides: Sequence[str], _source: Source) -> dict[str, Any]
     }
 
 
-_FORMS: Final[dict[str, Callable[[Any, Source], dict[str, Any]]]] = {
+FORMS: Final[dict[str, Callable[[Any, Source], dict[str, Any]]]] = {
     "no_flow": _no_flow,
     "only_publish": _only_publish,
     "encrypted": _encrypted,
     "never_share_domain": _never_share_domain,
     "able": _able,
 }
+"""By form what it claims: what a `Claim` says beside its name and its place."""
 
 
 def _listed(value: str | Sequence[str]) -> str:

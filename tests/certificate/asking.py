@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from datetime import datetime, timezone
+from pathlib import Path
 from random import Random
 from typing import Any, Final
 
@@ -13,14 +14,18 @@ from keystore_audit.certificate.checking import (
     TAKEN,
     Checker,
     Compartment,
+    Flow,
     Given,
     Implementation,
-    Property,
+    NoFlow,
 )
 from keystore_audit.certificate.errors import CannotTell, Refused
+from keystore_audit.certificate.powers import OUTSIDER
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.flow import FlowQuestion
+from keystore_audit.flow import FlowQuestion, posed, questions
 from keystore_audit.model.formal.asked import Attacker
+from keystore_audit.model.formal.attacker import trust_domain_views
+from keystore_audit.model.formal.flow import Flows, search_of
 from keystore_audit.profiles import DEFAULT, resolve
 
 AT: Final = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
@@ -32,15 +37,22 @@ def reading(profiles: tuple[str, ...] = DEFAULT) -> Circumstances:
     return Circumstances(profiles=resolve(profiles), at=AT)
 
 
-def question(asked: Property) -> FlowQuestion:
-    """The same question in the words of the audit."""
-    return FlowQuestion(
+def reached(path: Path, asked: NoFlow) -> dict[str, set[str]]:
+    """By profile, whom data gets to from the source as the engine has it, what could not be read doing anything."""
+    question = FlowQuestion(
         source=asked.source,
         target=asked.target,
         attackers=(Attacker(asked.attacker),),
         through=asked.through,
         include_ambient=asked.include_ambient,
     )
+    found = dict[str, set[str]]()
+    for system in posed(path, questions(question), reading())[2].systems[::-1]:  # the larger reading is first
+        there = Flows(system, trust_domain_views(system)).reached(search_of(system.claims[0]))
+        labels = [*(enclave.label for enclave in system.enclaves), OUTSIDER]
+        told = {labels[-1 if each is None else each] for each in there}
+        found.update(dict.fromkeys(system.profiles, told))
+    return found
 
 
 def verdict(content: bytes, checker: Checker) -> str:
@@ -54,8 +66,29 @@ def verdict(content: bytes, checker: Checker) -> str:
     return "accepted"
 
 
-class Lenient(Implementation):
-    """One that finds that nobody gets anything, and begins or ends nowhere: it has reasons for each hop."""
+def forged(implementation: Implementation, inside: Set[str], *, bare: bool) -> Compartment:
+    """A compartment of these participants with a reason for each hop, though not each is refused.
+
+    Of a flow: that begins and ends nowhere; `bare`: without any name inside, else with those on which somebody inside
+    does put something. Of rights: `bare`: without a word about whoever has the right.
+    """
+    honest, kind = implementation.hops, implementation.__class__
+
+    def hops(*asked: Any) -> Iterator[tuple[str, bool, dict[str, bool]]]:
+        for way, held, whom in honest(*asked):
+            yield way, held, {who: False for who, does in whom.items() if not (bare and does)}
+
+    implementation.__class__ = {Flow: Bare if bare else Lenient}.get(kind, kind)
+    implementation.hops = hops  # type: ignore[method-assign]
+    try:
+        return implementation.compartment(inside)
+    finally:
+        implementation.__class__ = kind
+        del implementation.hops
+
+
+class Lenient(Flow):
+    """One that finds that nobody gets anything, and begins or ends nowhere."""
 
     def gets(self, *_: Any) -> bool:
         return False
@@ -71,30 +104,18 @@ class Bare(Lenient):
         return False
 
 
-def forged(implementation: Implementation, inside: set[str], *, bare: bool) -> Compartment:
-    """A compartment of these participants with a reason for each hop; `bare`: without any name inside.
-
-    Otherwise those names are inside on which somebody inside does put something.
-    """
-    implementation.__class__ = Bare if bare else Lenient
-    try:
-        return implementation.compartment(inside)
-    finally:
-        implementation.__class__ = Implementation
-
-
-def closed(implementation: Implementation) -> set[str]:
+def closed(implementation: Flow) -> set[str]:
     """Whom data gets to from the source by the hops of the checker itself.
 
     So no compartment that it accepts is smaller.
     """
-    inside, before = {*implementation._source}, {"nobody"}
+    inside, before = {*implementation.source}, {"nobody"}
     places = [(peers, name) for peers in implementation.peers for name in implementation.names]
     while inside != before:
         before = {*inside}
         for peers, name in places:
             begins = implementation._in(implementation._asked.source, name)
-            for way in (TAKEN, OVERHEARD) if implementation._crossed(name) else ():
+            for way in (TAKEN, OVERHEARD) if implementation.asks(name) else ():
                 if begins or any(implementation.puts(peers, who, name, way) for who in before):
                     there = {*implementation.participants} - implementation._passed
                     inside |= {who for who in there if implementation.gets(peers, who, name, way)}

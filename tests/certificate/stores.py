@@ -12,7 +12,7 @@ from typing import Final
 
 from msgspec import Struct
 
-from keystore_audit.certificate.checking import Property
+from keystore_audit.certificate.checking import Encrypted, NoFlow, OnlyPublish, Property
 from tests.keystore.builder import Signed, authority, certificate, enclave, signed_document, write
 from tests.keystore.chance import Rules
 from tests.keystore.documents import Domain, domain_rule, governance, grant, ids, permissions, topic_rule
@@ -22,6 +22,7 @@ _EXPRESSIONS: Final = ("*", "rt/*", "rt/a", "rt/b", "rt/ab", "rt/a*", "*b", "rt/
 _DOMAINS: Final[tuple[Domain, ...]] = (0, 1, (0, 3), 7)
 _KINDS: Final = ("NONE", "SIGN", "ENCRYPT", "ENCRYPT", "ENCRYPT_WITH_ORIGIN_AUTHENTICATION")
 _PLACES: Final = (*PATHS, "topic:/a", "topic:/b", "dds:rt/c", "topic:/*b", "/arm*", "outsider")
+_TOPICS: Final = ("/a", "/b", "dds:rt/c", "/*b", "dds:*")
 _RULES: Final = Rules(
     expressions=lambda _random: _EXPRESSIONS,
     partitions=(),
@@ -49,8 +50,8 @@ class Asked(Struct, frozen=True):
     property: Property
 
 
-def asked(seed: int, root: Path) -> Asked:
-    """The store of a seed, below `root`, with a question."""
+def asked(seed: int, root: Path, *, of_rights: bool = False) -> Asked:
+    """The store of a seed, below `root`, with a question about a flow, or about rights."""
     random = Random(seed)
     paths = sorted(random.sample(PATHS, random.choice((2, 3, 3, 4))))
     identity, rights = ("one", "one") if random.random() < 0.2 else ("identity", "rights")
@@ -64,11 +65,24 @@ def asked(seed: int, root: Path) -> Asked:
         document = _signed(_permissions(random, path, paths), ca, random, paths, identity, odd=0.05)
         files = enclave(_identity(path, own), _authority(own).pem, _authority(ca).pem, signer, document)
         write(root / "enclaves" / path[1:], files)
+    return Asked(root, _right(random, paths) if of_rights else _flow(random, paths))
+
+
+def _flow(random: Random, paths: list[str]) -> Property:
     attacker = random.choice(("honest", "source", "relays", "relays"))
     places = [place for place in _PLACES if not place.startswith("/") or place in paths]
     source, target = random.sample(places, 2)
     through = (random.choice(paths),) if random.random() < 0.2 else ()
-    return Asked(root, Property(source, target, attacker, through, random.random() < 0.3))
+    return NoFlow(source, target, attacker, through, random.random() < 0.3)
+
+
+def _right(random: Random, paths: list[str]) -> Property:
+    topic = random.choice(_TOPICS)
+    if random.random() < 0.5:
+        return Encrypted(topic, random.choice(("outsider", "insider", "insider")))
+    return OnlyPublish(
+        topic, tuple(random.sample((*paths, "/arm*") if "/arm" in paths else paths, random.choice((1, 2))))
+    )
 
 
 def _signed(content: bytes, by: str, random: Random, paths: list[str], identity: str, odd: float = 0.0) -> bytes:

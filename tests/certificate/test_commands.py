@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.cli.program import run
-from tests.certificate.test_checker import IDENTITY, RIGHTS, by_hand, store
-from tests.keystore.documents import allow, grant, sub
+from tests.certificate.test_checker import IDENTITY, by_hand, store
+from tests.certificate.test_checker import RIGHTS as RIGHTS_CA
+from tests.keystore.documents import allow, domain_rule, governance, grant, sub, topic_rule
 from tests.schemas import schema
 
 AT = ("--at", "2026-11-21T12:00:00Z")
@@ -76,18 +77,68 @@ def test_where_the_checker_cannot_follow_nothing_is_written(tmp_path: Path, runs
 def test_authorities_are_those_of_the_command_line(tmp_path: Path, runs: Runs) -> None:
     root, file, pem = store(tmp_path / "store"), tmp_path / "proof.json", tmp_path / "ca.pem"
     pem.write_bytes(IDENTITY.pem)
-    trusted = f"sha256:{hashlib.sha256(RIGHTS.der).hexdigest()}"
+    trusted = f"sha256:{hashlib.sha256(RIGHTS_CA.der).hexdigest()}"
     expected = ("--expect-identity-ca", pem, "--expect-permissions-ca", trusted)
     assert runs("prove", root, *HOLDS, "-o", file, *expected)[0] == 0
     assert runs("check", file, root, *HOLDS, *expected)[0] == 0
     assert runs("check", file, root, *HOLDS, "--expect-identity-ca", trusted)[0] == 1
 
 
-@pytest.mark.parametrize("words", [("no-flow", "/a"), ("flow", "/a", "/b"), ("no-flow", "/a", "/b", "/c")])
+RIGHTS = [
+    (("only-publish", "/x", "/a"), ("only-publish", "/x", "/c"), "/a may publish /x (topic) in domain 0 too"),
+    (
+        ("only-publish", "dds:rt/x", "/a*", "/b"),
+        ("only-publish", "/x", "/b", "/c"),
+        "/a may publish /x (topic) in domain 0 too",
+    ),
+    (("encrypted", "/x", "insider"), ("encrypted", "/y", "insider"), "/a, which may not, can read /y (topic)"),
+    (("encrypted", "/x", "outsider"), ("encrypted", "/y", "outsider"), "Anybody on the network can read /y (topic)"),
+]
+"""What holds, what does not, and how."""
+
+
+@pytest.mark.parametrize(("holds", "violated", "how"), RIGHTS)
+def test_rights_are_proved_and_checked(
+    tmp_path: Path, runs: Runs, holds: tuple[str, ...], violated: tuple[str, ...], how: str
+) -> None:
+    clear = topic_rule("rt/y", read=False, metadata="NONE", data="NONE")
+    root, file = store(tmp_path / "store", governance(domain_rule(clear, topic_rule("*")))), tmp_path / "proof.json"
+    assert runs("prove", root, *violated, "-o", file)[0] == 1
+    assert not file.exists()
+    assert how in " ".join(runs("prove", root, *violated, "-o", file)[1].split())
+    assert runs("prove", root, *holds, "-o", file)[0] == 0
+    schema("certificate").validate(json.loads(file.read_bytes()))
+    assert runs("check", file, root, *holds) == (0, "accepted\n")
+    assert runs("check", file, root, *violated)[0] == 1
+    code, said = runs("check", file, root, *holds, "--attacker", "honest")
+    assert code == 2
+    assert f"--attacker says nothing about {holds[0]}" in said
+
+
+WRONG = [
+    ("no-flow", "/a"),
+    ("flow", "/a", "/b"),
+    ("no-flow", "/a", "/b", "/c"),
+    ("only-publish", "/x"),
+    ("only-publish", "/x", "outsider"),
+    ("only-publish", "/x", "/a", "topic:/x"),
+    ("encrypted", "/x", "relays"),
+    ("encrypted", "/x"),
+]
+
+
+@pytest.mark.parametrize("words", WRONG)
 def test_other_properties_are_wrong_usage(tmp_path: Path, runs: Runs, words: tuple[str, ...]) -> None:
     code, said = runs("prove", store(tmp_path / "store"), *words, "-o", tmp_path / "proof.json")
     assert code == 2
     assert "no-flow FROM TO" in said
+
+
+@pytest.mark.parametrize("words", [("only-publish", "x", "/a"), ("no-flow", "a", "/b"), ("only-publish", "/x", "a")])
+def test_what_is_no_place_is_wrong_usage(tmp_path: Path, runs: Runs, words: tuple[str, ...]) -> None:
+    code, said = runs("check", tmp_path, store(tmp_path / "store"), *words)
+    assert code == 2
+    assert "expected" in said
 
 
 def test_a_certificate_written_by_hand_fits_the_schema(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 
-from keystore_audit.certificate.checking import Checker, Given, Property
+from keystore_audit.certificate.checking import Checker, Given, NoFlow, Property
 from keystore_audit.profiles import DEFAULT, resolve
 from keystore_audit.prove import prove
 from tests.amount import tried
@@ -17,18 +17,18 @@ SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 PINNED = tuple(profile.name for profile in resolve(("spec", "fastdds", "cyclonedds-11")))
 
 HOLDING = [
-    ("stock/talker_listener", Property("/listener", "/talker"), PINNED),
-    ("stock/talker_listener", Property("outsider", "topic:/chatter"), PINNED),
-    ("stock/talker_listener", Property("topic:/chatter", "outsider", "honest"), DEFAULT),
-    ("stock/turtlesim", Property("outsider", "topic:/move_turtle"), PINNED),
-    ("healthy/talker_listener", Property("/listener", "/talker"), DEFAULT),
-    ("healthy/talker_listener", Property("outsider", "/listener"), DEFAULT),
-    ("healthy/service_action", Property("outsider", "/*"), DEFAULT),
-    ("healthy/turtlesim", Property("outsider", "topic:/move_turtle", "source"), DEFAULT),
-    ("healthy/vehicle", Property("/infotainment", "/motor"), DEFAULT),
-    ("healthy/vehicle", Property("/infotainment", "/motor", "source"), DEFAULT),
-    ("healthy/vehicle", Property("/infotainment", "topic:/motor_limit", "honest"), DEFAULT),
-    ("flows/turtlesim_healthy", Property("/random", "/turtlesim", "relays", ("/multiplexer",)), DEFAULT),
+    ("stock/talker_listener", NoFlow("/listener", "/talker"), PINNED),
+    ("stock/talker_listener", NoFlow("outsider", "topic:/chatter"), PINNED),
+    ("stock/talker_listener", NoFlow("topic:/chatter", "outsider", "honest"), DEFAULT),
+    ("stock/turtlesim", NoFlow("outsider", "topic:/move_turtle"), PINNED),
+    ("healthy/talker_listener", NoFlow("/listener", "/talker"), DEFAULT),
+    ("healthy/talker_listener", NoFlow("outsider", "/listener"), DEFAULT),
+    ("healthy/service_action", NoFlow("outsider", "/*"), DEFAULT),
+    ("healthy/turtlesim", NoFlow("outsider", "topic:/move_turtle", "source"), DEFAULT),
+    ("healthy/vehicle", NoFlow("/infotainment", "/motor"), DEFAULT),
+    ("healthy/vehicle", NoFlow("/infotainment", "/motor", "source"), DEFAULT),
+    ("healthy/vehicle", NoFlow("/infotainment", "topic:/motor_limit", "honest"), DEFAULT),
+    ("flows/turtlesim_healthy", NoFlow("/random", "/turtlesim", "relays", ("/multiplexer",)), DEFAULT),
 ]
 
 
