@@ -41,9 +41,8 @@ def prove(path: Path, asked: Property, given: Circumstances, told: Given) -> tup
 
 def answered(path: Path, asked: Property, given: Circumstances) -> AssertedResult:
     """What the native engine answers. Raises what `flow.posed` raises."""
-    kind = asked.__struct_config__.tag
-    form = FORMS[str(kind).replace("-", "_")](asked, Source("", {}))
-    claim = Claim(id=str(kind), location=Location("", beside=True), place="", **form)
+    form = FORMS[str(asked.__struct_config__.tag).replace("-", "_")](asked, Source("", {}))
+    claim = Claim(id="proved", location=Location("", beside=True), place="", **form)
     _keystore, _accesses, engine = posed(path, (claim,), given)
     [result] = combine_claims((claim,), engine.systems, {"native": engine.claim_answers()}, given.names)
     return result
@@ -51,13 +50,10 @@ def answered(path: Path, asked: Property, given: Circumstances) -> AssertedResul
 
 def within(implementation: Implementation) -> set[str]:
     """The fewest participants that can be inside: whom the property names, and whoever gets something of theirs."""
-    places = [
-        (peers, name) for peers in implementation.peers for name in implementation.names if implementation.asks(name)
-    ]
     inside, before = {*implementation.source}, -1
     while before < len(inside):
         before = len(inside)
-        for peers, name in places:
+        for peers, name in implementation.places:
             for _way, held, whom in implementation.hops(peers, name, inside):
                 inside |= {who for who, does in whom.items() if held and does} & implementation.free
     return inside

@@ -27,14 +27,8 @@ from keystore_audit.certificate.reading import Enclave, Store, read
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
 """Topics that nearly every node has a right to: no flow takes them, unless they are asked about."""
 
-INSIDER: Final = "insider"
-"""Against whom something is encrypted: whoever has an identity, of an enclave here or elsewhere, and the outsider."""
-
-EVERYBODY: Final = "*"
-"""Whom a reason is about where there is no such topic."""
-
-EVERYTHING: Final = "*"
-"""The topics of a reason where no rule is about the domain: it is no name of a class."""
+ALL: Final = "*"
+"""Whom a reason is about where there is no such topic; its topic, where no rule is about the domain."""
 
 TAKEN, OVERHEARD = "taken", "overheard"
 """The ways of a sample: to a reader who listens for it; to who reads what is on the network."""
@@ -61,7 +55,7 @@ class OnlyPublish(Struct, frozen=True, tag_field="kind", tag="only-publish"):
 
 
 class Encrypted(Struct, frozen=True, tag_field="kind", tag="encrypted"):
-    """That nobody reads the topic: no outsider; `against` insider: nobody whom no grant lets read it."""
+    """That nobody reads the topic: no outsider; `against` insider: nobody whom no grant lets read it, whoever it is."""
 
     topic: str
     against: str
@@ -229,22 +223,27 @@ class Implementation(ABC):
         Raises Refused where it must not be inside.
         """
 
+    @cached_property
+    def places(self) -> list[tuple[Peers, Name]]:
+        """Each name that it is about, as all peers see it."""
+        return [(peers, name) for peers in self.peers for name in self.names if self.asks(name)]
+
     def compartment(self, inside: Set[str]) -> Compartment:
         """The one with these participants. Raises Refused for the first hop out of it that nothing refuses."""
         names, refused = list[Inside](), dict[Refusal, None]()
-        for peers, name in ((peers, name) for peers in self.peers for name in self.names if self.asks(name)):
+        for peers, name in self.places:
             place = peers.first.path, name.domain, name.topic
             domain, rule = peers.rules(name)
             if rule is None:
-                named = name.topic if domain else EVERYTHING
-                refused[Refusal(EVERYBODY, *place[:2], named, peers.refusals(OUTSIDER, name))] = None
+                named = name.topic if domain else ALL
+                refused[Refusal(ALL, *place[:2], named, peers.refusals(OUTSIDER, name))] = None
                 continue
             for way, held, whom in self.hops(peers, name, inside):
                 if held:
                     names.append(Inside(way, *place))
                 for who, does in whom.items():
                     if does:
-                        raise Refused(f"nothing refuses that {who} {'gets' if held else 'puts'} {_told(place)}")
+                        raise Refused(f"nothing refuses that {who} {'gets' if held else 'puts'} {_told(*place)}")
                     because = peers.refusals(who, name, *(("subscribe",) if held else self.putting))
                     refused[Refusal(who, *place, because)] = None
         return Compartment((), tuple(sorted(inside)), tuple(names), tuple(refused))
@@ -257,7 +256,7 @@ class Implementation(ABC):
         wanted, told = self.compartment(inside), {*found.refused}
         for each in wanted.refused:
             if each not in told:
-                place = _told((each.peers, each.domain, each.topic))
+                place = _told(each.peers, each.domain, each.topic)
                 raise Refused(f"no reason, or none that is true, why {each.participant} takes no part in {place}")
         if msgspec.structs.replace(wanted, profiles=found.profiles) != found:
             raise Refused("the compartment holds other names than those inside put something on, or idle reasons")
@@ -299,8 +298,7 @@ class Flow(Implementation):
         for way in (TAKEN, OVERHEARD):
             held = self._in(self._asked.source, name) or any(self.puts(peers, who, name, way) for who in within)
             if held and self._in(self._asked.target, name) and way in self._ending:
-                place = peers.first.path, name.domain, name.topic
-                raise Refused(f"where the flow ends, nothing refuses {_told(place)}")
+                raise Refused(f"the flow ends at {_told(peers.first.path, name.domain, name.topic)}")
             does, whom = (self.gets, outside) if held else (self.puts, within)
             yield way, held, {who: does(peers, who, name, way) for who in whom}
 
@@ -324,8 +322,6 @@ class Right(Implementation):
     def __init__(self, checker: Checker, given: Given, found: Row, asked: OnlyPublish | Encrypted) -> None:
         super().__init__(checker, given, found)
         globs, self._against = (asked.enclaves, "") if isinstance(asked, OnlyPublish) else ((), asked.against)
-        if self._against not in ("", OUTSIDER, INSIDER):
-            raise CannotTell("there is no such attacker")
         self._topic = f"topic:{asked.topic}"
         self.source = {path for glob in globs for path in self._named(glob)}
 
@@ -335,19 +331,16 @@ class Right(Implementation):
 
     def hops(self, peers: Peers, name: Name, inside: Set[str]) -> Iterator[tuple[str, bool, Mapping[str, bool]]]:
         """What is encrypted is inside, for whoever has a grant; else nothing is, and who has a subject inside may."""
-        everybody = (*self.participants, CERTIFIED, *peers.elsewhere)
-        powers = {who: peers.powers(who, name, True) for who in everybody}
+        everybody = (OUTSIDER,) if self._against == OUTSIDER else (*self.participants, CERTIFIED, *peers.elsewhere)
+        able = [(who, peers.powers(who, name, True)) for who in everybody]
         if self._against:
-            asked = [who for who in everybody if who == OUTSIDER or self._against == INSIDER]
-            learns = {who: powers[who].reads or powers[who].overhears for who in asked if not peers.entitled(who, name)}
-            yield OVERHEARD, True, learns
+            yield OVERHEARD, True, {who: p.reads or p.overhears for who, p in able if not peers.entitled(who, name)}
         else:
             theirs = {each.identity.subject for each in self._store.enclaves if each.path in inside}
-            yield TAKEN, False, {who: powers[who].writes for who in everybody if who not in inside | theirs}
+            yield TAKEN, False, {who: powers.writes for who, powers in able if who not in inside | theirs}
 
 
-def _told(place: tuple[str, int, str]) -> str:
-    peers, domain, topic = place
+def _told(peers: str, domain: int, topic: str) -> str:
     return f"{topic!r} in domain {domain}, as peers of {peers} see it"
 
 

@@ -104,9 +104,11 @@ class Peers:
 
         That its implementation may take such a right away does no harm, since it reads nothing then.
         """
-        (_domain, topic), powers = self.rules(name), self.powers(who, name, True)
-        asked = topic is not None and topic.read and powers.reads and not powers.overhears
-        return asked and {each.signer for each, _grant in self._grants(who)} == {self.first.permissions_ca.fingerprint}
+        topic, powers = self.rules(name)[1], self.powers(who, name, True)
+        asked = topic and topic.read and powers.reads and not powers.overhears
+        return bool(asked) and {each.signer for each, _grant in self._grants(who)} == {
+            self.first.permissions_ca.fingerprint
+        }
 
     def _rules(self, name: Name) -> tuple[DomainRule | None, TopicRule | None]:
         """What governs the channel."""
@@ -125,31 +127,23 @@ class Peers:
         if who == OUTSIDER or not self.known(who):
             return Powers(attacks and made and domain.unauthenticated, overhears=overhears, forges=forges)
         reads = writes = False
-        anything = attacks and self.grants_itself(who)
-        if anything or self._joins(who, name.domain, domain):
+        anything, grants = attacks and self.grants_itself(who), [grant for _document, grant in self._grants(who)]
+        if anything or self._joins(who, grants, name.domain, domain):
             anything = anything or (attacks and self._row.trusts_declarations and not self._truthful)
-            grants = [grant for _document, grant in self._grants(who)]
-            reads, writes = (
-                anything or not controlled or any(self._may(operation, name, each) for each in grants)
-                for operation, controlled in (("subscribe", topic.read), ("publish", topic.write))
-            )
+            reads = anything or not topic.read or self._may("subscribe", name, grants)
+            writes = anything or not topic.write or self._may("publish", name, grants)
             origin = topic.metadata.endswith("ORIGIN_AUTHENTICATION")
             relays = self._row.honours_default and any(each.allow for each in grants)
             overhears = overhears or anything or (clear[1] and (clear[0] or relays))
             forges = forges or (not origin and (reads or made or (relays and topic.data == "NONE")))
-        member = who in self.members
-        own_writes = writes or (member and self._alone("publish", who, name, topic.write))
-        own_reads = reads or (member and self._alone("subscribe", who, name, topic.read))
-        return Powers(writes, reads, overhears, forges, own_writes, own_reads)
+        own_reads = own_writes = False
+        if who in self.members:  # by its own document, which its own implementation alone asks
+            own = [grant for document, grant in self._grants(who) if document == self._enclaves[who].permissions]
+            own_reads = not topic.read or self._may("subscribe", name, own, own=True)
+            own_writes = not topic.write or self._may("publish", name, own, own=True)
+        return Powers(writes, reads, overhears, forges, writes or own_writes, reads or own_reads)
 
-    def _alone(self, operation: str, path: str, name: Name, controlled: bool) -> bool:
-        """Whether its own implementation lets it, with its own document."""
-        own = self._enclaves[path].permissions
-        grants = [grant for document, grant in self._grants(path) if document == own]
-        return not controlled or any(self._may(operation, name, grant, own=True) for grant in grants)
-
-    def _joins(self, who: str, domain: int, rule: DomainRule) -> bool:
-        grants = [grant for _document, grant in self._grants(who)]
+    def _joins(self, who: str, grants: Sequence[Grant], domain: int, rule: DomainRule) -> bool:
         if not rule.join and (grants or who == CERTIFIED or not self._row.requires_grant):
             return True
         return any(
@@ -158,10 +152,10 @@ class Peers:
             for grant in grants
         )
 
-    def _may(self, operation: str, name: Name, grant: Grant, *, own: bool = False) -> bool:
-        """Whether the grant allows it here, or in a partition that is a pattern and meets this one."""
+    def _may(self, operation: str, name: Name, grants: Sequence[Grant], *, own: bool = False) -> bool:
+        """Whether a grant allows it here, or in a partition that is a pattern and meets this one."""
         binds = self._row.binds_domains or not own
-        return any(self._decided(operation, name, grant, binds, default)[0] for default in (True, False))
+        return any(self._decided(operation, name, each, binds, here)[0] for each in grants for here in (True, False))
 
     def _decided(
         self, operation: str, name: Name, grant: Grant, binds: bool, default: bool = True

@@ -110,12 +110,11 @@ def closed(implementation: Flow) -> set[str]:
     So no compartment that it accepts is smaller.
     """
     inside, before = {*implementation.source}, {"nobody"}
-    places = [(peers, name) for peers in implementation.peers for name in implementation.names]
     while inside != before:
         before = {*inside}
-        for peers, name in places:
+        for peers, name in implementation.places:
             begins = implementation._in(implementation._asked.source, name)
-            for way in (TAKEN, OVERHEARD) if implementation.asks(name) else ():
+            for way in (TAKEN, OVERHEARD):
                 if begins or any(implementation.puts(peers, who, name, way) for who in before):
                     there = {*implementation.participants} - implementation._passed
                     inside |= {who for who in there if implementation.gets(peers, who, name, way)}
@@ -160,7 +159,7 @@ def _change(found: dict[str, Any], random: Random) -> None:
         place = random.choice([*found["documents"]])
         digest = found["documents"][place]
         found["documents"][place] = digest[1:] + digest[0]
-    elif kind == 4:
+    elif kind == 4 and compartment["participants"]:
         compartment["participants"].remove(random.choice(compartment["participants"]))
     elif kind == 5:
         compartment["participants"] = sorted({*compartment["participants"], random.choice(everybody)})

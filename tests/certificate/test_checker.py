@@ -423,7 +423,6 @@ def test_a_question_mark_is_a_character_or_an_octet(tmp_path: Path, profile: str
         (OnlyPublish("x", ("/a",)), SPEC),
         (OnlyPublish("/x", ("/nobody",)), SPEC),
         (OnlyPublish("/x", ("outsider",)), SPEC),
-        (Encrypted("/x", "relays"), SPEC),
         (NO_FLOW, Given(("opendds",), AT)),
         (NO_FLOW, Given(("spec",), AT, ("robots-enforce",))),
     ],

@@ -37,7 +37,10 @@ def runs(capsys: pytest.CaptureFixture[str]) -> Runs:
 def test_what_prove_writes_check_accepts(tmp_path: Path, runs: Runs) -> None:
     root, file = store(tmp_path / "store"), tmp_path / "proof.json"
     assert runs("prove", root, *HOLDS, "-o", file) == (0, f"proved: {file}\n")
-    schema("certificate").validate(json.loads(file.read_bytes()))
+    content = file.read_bytes()
+    schema("certificate").validate(json.loads(content))
+    assert runs("prove", root, *HOLDS, "-o", file)[0] == 0
+    assert file.read_bytes() == content
     assert runs("check", file, root, *HOLDS) == (0, "accepted\n")
     code, said = runs("check", file, root, "no-flow", "/c", "/b")
     assert (code, said) == (1, "refused: the certificate is about another property\n")
