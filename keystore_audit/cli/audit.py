@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from msgspec.structs import replace
 
 from keystore_audit import formats
 from keystore_audit.cli import options as opt
 from keystore_audit.cli import output, places, types
+from keystore_audit.cli.check import accepted, stated, told
 from keystore_audit.cli.program import Command
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
@@ -25,6 +27,7 @@ from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
     from keystore_audit.options import Options
+    from keystore_audit.report.content import Report
     from keystore_audit.settings.settings import Settings
 
 NEVER: Final = "never"
@@ -96,7 +99,7 @@ GROUPS: Final = {
     "Scope": ("distros", "rmws", "profiles", "domain", "at", "time_zone", "deployed", "not_assumed"),
     "Inputs": (
         "recursive", "settings", "roots", "identity_cas", "permissions_cas", "environment", "policy", "policy_include",
-        "graphs", "launches", "launch_arguments", "alloy_properties",
+        "graphs", "launches", "launch_arguments", "alloy_properties", "certificates",
     ),
     "Output": ("kind", "targets", "min_severity", "quiet", "verbose", "color"),
     "Gate": ("fail_on", "expires_within", "launch_complete", "select", "ignore", "baseline"),
@@ -180,6 +183,15 @@ Examples:
     multiple=True,
     help="Properties of your own in Alloy, which Alloy alone decides (repeatable).",
 )
+@click.option(
+    "--certificate",
+    "certificates",
+    nargs=2,
+    type=(click.Path(path_type=Path), str),
+    multiple=True,
+    metavar="FILE PROPERTY",
+    help="Name in the report a certificate, which has to prove PROPERTY as `check` decides (repeatable).",
+)
 @opt.authority_options
 @opt.roots_option
 @settings_option
@@ -227,8 +239,8 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
     if given["policy_include"] is not None and given["policy"] is None:
         raise click.UsageError("--policy-include is for the files that a --policy includes.")
     several = len(keystores) > 1 or given["recursive"]
-    if several and (given["graphs"] or given["launches"]):
-        raise click.UsageError("--graph and --launch show the nodes of one keystore: name one KEYSTORE.")
+    if several and (given["graphs"] or given["launches"] or given["certificates"]):
+        raise click.UsageError("--graph, --launch and --certificate are about one keystore: name one KEYSTORE.")
     if several or given["executor"] or any(wanted.each or wanted.tables for wanted in given["targets"]):
         from keystore_audit.cli import fleet
 
@@ -260,7 +272,7 @@ def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int
     watch = Watch(visible=not given["quiet"] and sys.stderr.isatty())
     try:
         with watch:
-            report = audit(keystore, options, progress=watch)
+            report = _proved(audit(keystore, options, progress=watch), options, given)
     except UsageError:
         raise
     except AuditError as error:
@@ -272,3 +284,25 @@ def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int
         click.echo(f"{seconds:8.3f} s  {terminal(stage)}", err=True)
     output.deliver([report], given, several=False)
     return report.exit_code
+
+
+def _proved(report: Report, options: Options, given: Mapping[str, Any]) -> Report:
+    """The report with the certificates; raises UsageError for one that the checker does not accept of what was read."""
+    for path, words in given["certificates"]:
+        from keystore_audit.certificate.errors import NotAccepted
+        from keystore_audit.model.trust.chain import Authorities
+
+        trusted = options.authorities or Authorities()
+        circumstances = told(report.judged_profiles, report.at, options.not_assumed, trusted)
+        try:
+            file, digests = accepted(path, report.keystore, stated(words.split(), {}), circumstances)
+        except NotAccepted as why:
+            raise UsageError(f"{path} does not prove {words}: {why}.") from why
+        mixed = options.settings is not None and options.settings.runs
+        if mixed or not digests.items() <= dict(report.files).items():
+            raise UsageError(
+                f"{path} does not prove {words} of a mixed fleet, nor of files that were changed meanwhile."
+            )
+        said = f"{path} (SHA-256 {file.sha256}) proves {words}."
+        report = replace(report, inputs=(*report.inputs, ("--certificate", file)), stated=(*report.stated, said))
+    return report

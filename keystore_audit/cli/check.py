@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,47 +12,72 @@ from keystore_audit.cli import options as opt
 from keystore_audit.cli import output, types
 from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE
+from keystore_audit.given import GivenFile, read_given
 from keystore_audit.options import now
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
+    from keystore_audit.assumptions import Assumption
     from keystore_audit.certificate.checking import Given, Property
+    from keystore_audit.model.trust.chain import Authorities
 
 FORMS: Final = "no-flow FROM TO, only-publish TOPIC ENCLAVE..., or encrypted TOPIC outsider|insider"
+
+MAX_BYTES: Final = 64_000_000
+"""Of a certificate."""
+
+_OF_FLOWS: Final = ("attacker", "through", "include_ambient")
 
 
 def question(words: Sequence[str], keystore: str, given: Mapping[str, Any]) -> tuple[Property, Given]:
     """What is asked, and in which circumstances. Raises click.UsageError, and errors.UsageError for no place."""
-    from keystore_audit.certificate.checking import Given
     from keystore_audit.model.trust.chain import Authorities
     from keystore_audit.profiles import resolve
     from keystore_audit.settings.settings import expected
 
-    asked = _property(words, given)
+    asked = stated(words, given)
     trusted = expected(Authorities(), given["identity_cas"], given["permissions_cas"], (keystore,))
     names = tuple(profile.name for profile in resolve(given["profiles"]))
-    left_out = tuple(each.value for each in given["not_assumed"])
-    return asked, Given(names, given["at"] or now(), left_out, trusted.identity, trusted.permissions)
+    return asked, told(names, given["at"] or now(), given["not_assumed"], trusted)
 
 
-def _property(words: Sequence[str], given: Mapping[str, Any]) -> Property:
+def told(profiles: tuple[str, ...], at: datetime, not_assumed: Iterable[Assumption], trusted: Authorities) -> Given:
+    """What the checker is to be told of these circumstances."""
+    from keystore_audit.certificate.checking import Given
+
+    left_out = tuple(each.value for each in not_assumed)
+    return Given(profiles, at, left_out, trusted.identity, trusted.permissions)
+
+
+def stated(words: Sequence[str], given: Mapping[str, Any]) -> Property:
+    """The property in these words; of flows, `given` may say more. Raises as `question`."""
     from keystore_audit.certificate.checking import Encrypted, NoFlow, OnlyPublish
     from keystore_audit.settings.claims import place
 
     match words:
-        case "no-flow", source, target:
-            for each in (source, target):
-                place(each)
-            return NoFlow(source, target, given["attacker"], given["through"], given["include_ambient"])
+        case "no-flow", source, target if all(map(place, (source, target))):
+            return NoFlow(source, target, **{name: given[name] for name in _OF_FLOWS if name in given})
         case "only-publish", topic, *enclaves if enclaves and all(place(each).enclaves for each in enclaves):
             asked: Property = OnlyPublish(topic, tuple(enclaves))
         case "encrypted", topic, ("outsider" | "insider") as against:
             asked = Encrypted(topic, against)
         case _:
             raise click.UsageError(f"Expected the property as {FORMS}.")
-    opt.refuse(("attacker", "through", "include_ambient"), words[0])
+    opt.refuse(_OF_FLOWS, words[0])
     place(f"topic:{topic}")
     return asked
+
+
+def accepted(file: Path, keystore: str, asked: Property, told: Given) -> tuple[GivenFile, Mapping[str, str]]:
+    """The certificate, and the digests of the keystore's files, by place; raises certificate.errors.NotAccepted."""
+    from keystore_audit.certificate.checking import Checker
+
+    found, text = read_given(file, MAX_BYTES, "a certificate")
+    checker = Checker(Path(keystore), asked, told)
+    checker.check(text.encode())
+    return found, checker.store.digests
 
 
 @click.command("check", cls=Command, short_help="Check a certificate of a property, sharing no code with the audit.")
@@ -80,16 +105,10 @@ def command(file: Path, keystore: str, words: tuple[str, ...], **given: Any) -> 
       2   wrong usage
       4   cannot tell: the keystore or the question is beyond the checker
     """  # noqa: D301 - click's mark for lines that stay as they are
-    from keystore_audit.certificate.checking import Checker
     from keystore_audit.certificate.errors import CannotTell, NotAccepted
 
-    asked, circumstances = question(words, keystore, given)
     try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise click.UsageError(f"The certificate cannot be read: {error.strerror or error}.") from error
-    try:
-        Checker(Path(keystore), asked, circumstances).check(content)
+        accepted(file, keystore, *question(words, keystore, given))
     except NotAccepted as why:
         cannot = isinstance(why, CannotTell)
         output.write_stdout(f"{'cannot tell' if cannot else 'refused'}: {terminal(str(why))}\n")

@@ -6,12 +6,17 @@ import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from keystore_audit import pipeline
 from keystore_audit.cli.program import run
+from keystore_audit.pipeline import audit
+from keystore_audit.report.content import Report
 from tests.certificate.test_checker import IDENTITY, by_hand, store
 from tests.certificate.test_checker import RIGHTS as RIGHTS_CA
+from tests.keystore.builder import certificate, write
 from tests.keystore.documents import allow, domain_rule, governance, grant, sub, topic_rule
 from tests.schemas import schema
 
@@ -146,3 +151,59 @@ def test_what_is_no_place_is_wrong_usage(tmp_path: Path, runs: Runs, words: tupl
 
 def test_a_certificate_written_by_hand_fits_the_schema(tmp_path: Path) -> None:
     schema("certificate").validate(by_hand(store(tmp_path)))
+
+
+def test_a_statement_names_the_certificates_that_the_checker_accepts(tmp_path: Path, runs: Runs) -> None:
+    root, proof, said = store(tmp_path / "store"), tmp_path / "proof.json", tmp_path / "statement.json"
+    property_ = ("only-publish", "/x", "/a")
+    assert runs("prove", root, *property_, "-o", proof)[0] == 0
+    native = ("--engine", "native", "-q", "-o", f"statement={said}")
+    assert runs("audit", root, *native, "--certificate", proof, " ".join(property_))[0] == 0
+    predicate = json.loads(said.read_bytes())["predicate"]
+    digest = hashlib.sha256(proof.read_bytes()).hexdigest()
+    assert predicate["configuration"] == [{"name": str(proof), "digest": {"sha256": digest}}]
+    assert predicate["keystoreAudit"]["stated"] == [f"{proof} (SHA-256 {digest}) proves only-publish /x /a."]
+
+
+def test_a_certificate_of_files_that_were_changed_after_the_audit_is_an_error(
+    tmp_path: Path, runs: Runs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, proof = store(tmp_path / "store"), tmp_path / "proof.json"
+    assert runs("prove", root, "only-publish", "/x", "/a", "-o", proof)[0] == 0
+    words = ("audit", root, "--engine", "native", "-q", "--certificate", proof, "only-publish /x /a")
+    assert runs(*words)[0] == 0
+
+    def then_changed(*asked: Any, **given: Any) -> Report:
+        report = audit(*asked, **given)
+        renewed = certificate("/b", IDENTITY)
+        write(root / "enclaves" / "b", {"cert.pem": renewed.pem, "key.pem": renewed.key_pem})
+        return report
+
+    monkeypatch.setattr(pipeline, "audit", then_changed)
+    code, told = runs(*words)
+    assert code == 2
+    assert "changed meanwhile" in told
+
+
+UNPROVED = [
+    ("another property", ("only-publish /x /b",), "about another property"),
+    ("another scope", ("only-publish /x /a", "--profile", "spec"), "one compartment for each implementation"),
+    ("another authority", ("only-publish /x /a", "--expect-identity-ca", f"sha256:{'0' * 64}"), "not the authority"),
+    ("no property", ("only-publish /x",), "Expected the property as"),
+    ("a mixed fleet", ("only-publish /x /a", "--settings", "fleet.toml"), "of a mixed fleet"),
+    ("several keystores", ("only-publish /x /a", "--recursive"), "name one KEYSTORE"),
+]
+
+
+@pytest.mark.parametrize(("words", "why"), [each[1:] for each in UNPROVED], ids=[each[0] for each in UNPROVED])
+def test_a_certificate_that_does_not_prove_it_is_an_error(
+    tmp_path: Path, runs: Runs, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], why: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("fleet.toml").write_text('[enclaves."/a"]\nrmw = "cyclonedds"\n')
+    root, proof, said = store(tmp_path / "store"), tmp_path / "proof.json", tmp_path / "statement.json"
+    assert runs("prove", root, "only-publish", "/x", "/a", "-o", proof)[0] == 0
+    code, told = runs("audit", root, "--engine", "native", "-o", f"statement={said}", "--certificate", proof, *words)
+    assert code == 2
+    assert why in told
+    assert not said.exists()
