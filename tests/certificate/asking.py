@@ -23,9 +23,9 @@ from keystore_audit.certificate.errors import CannotTell, Refused
 from keystore_audit.certificate.powers import OUTSIDER
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.flow import FlowQuestion, posed, questions
-from keystore_audit.model.formal.asked import Attacker
+from keystore_audit.model.formal.asked import Attacker, search_of
 from keystore_audit.model.formal.attacker import trust_domain_views
-from keystore_audit.model.formal.flow import Flows, search_of
+from keystore_audit.model.formal.flow import Flows
 from keystore_audit.profiles import DEFAULT, resolve
 
 AT: Final = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
