@@ -58,6 +58,8 @@ def asked(seed: int, root: Path, *, of_rights: bool = False) -> Asked:
     shared = _signed(_governance(random), rights, random, paths, identity)
     for path in paths:
         own, ca, signer = identity, rights, shared
+        if of_rights and random.random() < 0.15:  # peers of another authority refuse its certificate
+            own = "other"
         if random.random() < 0.15:
             ca = random.choice(("rights", "other"))
         if ca != rights or random.random() < 0.1:

@@ -42,15 +42,14 @@ def store(
     c: str = C_READS,
     ca: Signed = RIGHTS,
     signers: dict[str, Signed] | None = None,
-    identities: dict[str, Signed] | None = None,
+    identities: dict[str, tuple[Signed, Signed]] | None = None,
     more: dict[str, bytes | str] | None = None,
 ) -> Path:
     """Three enclaves, of which /a writes, and /c reads it, and /b does not."""
     for path, own in (("/a", a), ("/b", b), ("/c", c)):
         document = signed_document(permissions(own).encode(), (signers or {}).get(path, ca))
         signed = signed_document(rules.encode(), ca)
-        issuer = (identities or {}).get(path, IDENTITY)
-        identity = OWN[path] if issuer is IDENTITY else certificate(path, issuer)
+        identity, issuer = (identities or {}).get(path, (OWN[path], IDENTITY))
         write(root / "enclaves" / path[1:], enclave(identity, issuer.pem, ca.pem, signed, document))
     return write(root, more or {})
 
@@ -239,6 +238,12 @@ CLEAR = topic_rule(metadata="NONE", data="NONE")
 INSIDERS, OUTSIDERS = Encrypted("/x", "insider"), Encrypted("/x", "outsider")
 RELAYING = grant("/b", deny(pub("*"), sub("*")), default="ALLOW")
 UNSEALED = governance(domain_rule(topic_rule(data="NONE"), rtps="ENCRYPT"))
+C_OF_RIGHTS = certificate("/c", RIGHTS)
+SIGNED_BY_C = {
+    "b": grant("/b", allow(sub("rt/x"))),
+    "identities": {"/c": (C_OF_RIGHTS, RIGHTS)},
+    "signers": {"/b": C_OF_RIGHTS},
+}
 UNREAD = topic_rule(metadata="SIGN", data="SIGN")
 
 RIGHTS_OF: list[tuple[str, Property, dict[str, Any], str, str]] = [
@@ -255,8 +260,14 @@ RIGHTS_OF: list[tuple[str, Property, dict[str, Any], str, str]] = [
     ("who reads forges, and may not publish", A_ALONE, {"b": grant("/b", allow(sub("rt/x")))}, "spec", ""),
     ("somebody who is not here", ENCLAVES, {"c": C_READS + STRANGER}, "spec", "CN=/stranger"),
     ("somebody who is not here may not", ENCLAVES, {"c": C_READS + grant("/stranger", allow(pub("rt/y")))}, "spec", ""),
-    ("whose certificate peers refuse", A_ALONE, {"identities": {"/a": OTHER}}, "spec", ""),
-    ("of another too", A_ALONE, {"identities": {"/b": OTHER}, "b": grant("/b", allow(pub("rt/x")))}, "spec", "CN=/b"),
+    ("whose certificate peers refuse", A_ALONE, {"identities": {"/a": (certificate("/a", OTHER), OTHER)}}, "spec", ""),
+    (
+        "of another too",
+        A_ALONE,
+        {"identities": {"/b": (certificate("/b", OTHER), OTHER)}, "b": grant("/b", allow(pub("rt/x")))},
+        "spec",
+        "CN=/b",
+    ),
     ("anybody certified joins", ENCLAVES, {"rules": governance(domain_rule(join=False))}, "spec", ""),
     (
         "anybody certified joins and writes",
@@ -305,6 +316,8 @@ RIGHTS_OF: list[tuple[str, Property, dict[str, Any], str, str]] = [
         "spec",
         "/a",
     ),
+    ("a right that another enclave signed", INSIDERS, SIGNED_BY_C, "cyclonedds-0.10", "/b"),
+    ("a right that another enclave signed in vain", INSIDERS, SIGNED_BY_C, "spec", ""),
     ("a right that is taken away again", INSIDERS, {"b": RELAYING, "rules": UNSEALED}, "cyclonedds-11", "/b"),
     ("nobody asks for grants", INSIDERS, {"rules": governance(domain_rule(topic_rule(read=False)))}, "spec", "/a"),
     (
