@@ -69,6 +69,12 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure() -> None:
+    """End as the command does: msgspec may crash where the interpreter searches all it leaves for garbage."""
+    gc.freeze()
+
+
 def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
     """Keys and signatures are new in each process: bytes in the name of a test would be others in each worker."""
     return argname if isinstance(val, bytes) else None
