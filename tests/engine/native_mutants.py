@@ -56,7 +56,7 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
         "topic_rules.get(number, ())[::-1]",
     ),
     "every topic rule counts": (permission, "protection", "result, hit,", "result, each.channels,"),
-    "any certificate issues": (TrustDomainView, "vouched", "by.authority and", "True and"),
+    "any certificate issues": (TrustDomainView, "vouched", "i.authority and", "True and"),
     "the revoked are authentic": (TrustDomainView, "_known", "certificate not in self._trust_domain.revoked", "True"),
     "no trust domain pins the signer": (TrustDomainView, "_may_sign", "self.reading.pins_signer", "False"),
     "every trust domain pins the signer": (TrustDomainView, "_may_sign", "self.reading.pins_signer", "True"),
@@ -72,7 +72,7 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
         "self._system.certificates[number].opaque",
         "False",
     ),
-    "documents that were not read grant nothing": (TrustDomainView, "_of_unknown_rights", "self._any_opaque", "False"),
+    "documents that were not read grant nothing": (TrustDomainView, "_held", "self._any_opaque", "False"),
     "announcements are truthful": (TrustDomainView, "_unasked", "truthful or", "True or"),
     "everybody believes announcements": (TrustDomainView, "_unasked", "not self.reading.asks_announced_only", "False"),
     "authorities certified nothing else": (System, "anybody", "not self.assumed >= IDENTITIES", "False"),
@@ -81,8 +81,8 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "only the identity itself signs": (
         TrustDomainView,
         "_signs_for_itself",
-        "in keys",
-        "in self.authority_keys or identity in self.signing_below",
+        "key in self.signing_keys",
+        "self._system.enclaves[enclave].identity in self.signing_below",
     ),
     "who signs with a key of nobody here signs for nobody": (
         TrustDomainView,

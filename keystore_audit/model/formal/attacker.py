@@ -39,8 +39,8 @@ class TrustDomainView:
         if in_force and not self._permissions.in_force(subject.not_before, subject.not_after):
             return False
         issuers = (self._system.certificates[number] for number in subject.issuers & pool)
-        known = self._permissions.in_force
-        return any(by.authority and (not in_force or known(by.not_before, by.not_after)) for by in issuers)
+        holds = self._permissions.in_force
+        return any(i.authority and (not in_force or holds(i.not_before, i.not_after)) for i in issuers)
 
     def authenticated(self, enclave: int) -> bool:
         """Whether peers take the enclave for one of theirs."""
@@ -81,7 +81,8 @@ class TrustDomainView:
     def _chained(self) -> frozenset[int]:
         """Certificates below the permissions CAs, over authorities that any document may bring along."""
         certificates = self._system.certificates
-        found, pending = set[int](), set(self._trust_domain.permissions_ca)
+        found: set[int] = set()
+        pending = set(self._trust_domain.permissions_ca)
         while pending:
             trusted = {number for number in pending if certificates[number].authority}
             issued = {number for number, c in enumerate(certificates) if c.issuers & trusted}
@@ -96,14 +97,13 @@ class TrustDomainView:
         return self._self_granting[enclave]
 
     def _signs_for_itself(self, enclave: int) -> bool:
-        identity = self._system.enclaves[enclave].identity
         if not (self.issuing(enclave) or self.authenticated(enclave)):
             return False
         unread = any(self._system.certificates[number].opaque for number in self._trust_domain.permissions_ca)
         if unread or self._system.anybody(enclave) or self._signed_elsewhere:
             return True
-        keys = self.authority_keys | self.signing_keys
-        return identity is not None and self._system.certificates[identity].key in keys
+        key = self._system.key_of(enclave)
+        return key in self.authority_keys or key in self.signing_keys
 
     @cached_property
     def signing_below(self) -> frozenset[int]:
@@ -125,13 +125,14 @@ class TrustDomainView:
 
     def issuing(self, enclave: int) -> bool:
         """Whether the enclave can issue itself any identity: its key is that of an identity CA."""
-        identity = self._system.enclaves[enclave].identity
-        return identity is not None and self._system.certificates[identity].key in self._issuing_keys
+        return self._system.key_of(enclave) in self._issuing_keys
 
     @cached_property
     def _issuing_keys(self) -> frozenset[int]:
-        authorities = (self._system.certificates[number] for number in self._trust_domain.identity_ca)
-        return frozenset(each.key for each in authorities if each.authority)
+        certificates = self._system.certificates
+        return frozenset(
+            certificates[each].key for each in self._trust_domain.identity_ca if certificates[each].authority
+        )
 
     @cached_property
     def authority_keys(self) -> frozenset[int]:
@@ -175,9 +176,7 @@ class TrustDomainView:
 
         An opaque document may say so, and any grant may name an opaque enclave.
         """
-        if self._of_unknown_rights(enclave):
-            return self._permissions.all_channels
-        return self.granted(enclave, operation)
+        return self._held(enclave, operation, genuine=True)
 
     def presentable(self, enclave: int, operation: Operation) -> int:
         """Channels for which the enclave can present a document that peers take."""
@@ -191,9 +190,9 @@ class TrustDomainView:
         grants = self._permissions.granting(self.accepted)
         return self._permissions.met(union(self._permissions.allowed(grant, operation) for grant in grants))
 
-    def _of_unknown_rights(self, enclave: int) -> bool:
-        """Whether it may have any right by what we could not read."""
-        return self._any_opaque or self._system.anybody(enclave)
+    def _unbounded(self, enclave: int) -> bool:
+        """Whether it may have any right: by a document that it signs itself, or by one that we could not read."""
+        return self._any_opaque or self._system.anybody(enclave) or self.self_granting(enclave)
 
     def _right(self, identity: int | None, operation: Operation, *, genuine: bool) -> int:
         key = (identity, operation, genuine)
@@ -206,8 +205,8 @@ class TrustDomainView:
 
     def joined(self, enclave: int) -> int:
         """Domains that the enclave can join."""
-        anything = self._of_unknown_rights(enclave) or self.self_granting(enclave)
-        return self._joined_with(enclave, self.accepted, anything=anything, issuing=self.issuing(enclave))
+        anything, issuing = self._unbounded(enclave), self.issuing(enclave)
+        return self._joined_with(enclave, self.accepted, anything=anything, issuing=issuing)
 
     def _joined_with(self, enclave: int, documents: frozenset[int], *, anything: bool, issuing: bool) -> int:
         """Domains that it can join with the grants of these documents alone, or with any (`anything`).
@@ -243,17 +242,17 @@ class TrustDomainView:
         if not (self.self_granting(enclave) or self.issuing(enclave)):
             return self.abilities(enclave)
         if enclave not in self._honest:
+            anything = self._any_opaque or self._system.anybody(enclave)
             rights = [self._held(enclave, operation) for operation in Operation]
-            anything = self._of_unknown_rights(enclave)
             joined = self._joined_with(enclave, self.accepted, anything=anything, issuing=False)
             self._honest[enclave] = self._able(joined, rights, *self._alone(enclave))
         return self._honest[enclave]
 
-    def _held(self, enclave: int, operation: Operation) -> int:
-        """Channels for which documents that are there give it the right."""
-        if self._of_unknown_rights(enclave):
+    def _held(self, enclave: int, operation: Operation, *, genuine: bool = False) -> int:
+        """Channels for which documents that are there give it the right, or may."""
+        if self._any_opaque or self._system.anybody(enclave):
             return self._permissions.all_channels
-        return self._right(self._system.enclaves[enclave].identity, operation, genuine=False)
+        return self._right(self._system.enclaves[enclave].identity, operation, genuine=genuine)
 
     def written_as_itself(self, member: int) -> int:
         """What its own implementation may let a member write that attacks nobody, whoever vouches for it."""
@@ -272,7 +271,8 @@ class TrustDomainView:
     @cached_property
     def elsewhere(self) -> Mapping[int, Abilities]:
         """By certificate that no enclave here has: what whoever has it can do with the grants that name it."""
-        here, found = {enclave.identity for enclave in self._system.enclaves}, {}
+        here = {enclave.identity for enclave in self._system.enclaves}
+        found = {}
         for number in range(len(self._system.certificates)):
             if number in here or not (self.open or self._known(number)):
                 continue

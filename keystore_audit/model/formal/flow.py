@@ -58,8 +58,6 @@ class Lane:
 
     def getting(self, channels: int) -> list[int]:
         """The participants that get one of the channels."""
-        if not channels:
-            return []
         places = [0]
         for level in range(len(self._levels) - 1, -1, -1):
             sets = self._levels[level]
@@ -77,7 +75,7 @@ class Flows:
         self._trust_domains = trust_domains
         self._member = [enclave.trust_domain for enclave in system.enclaves]
         self.outsider = len(system.enclaves)
-        self._rightful = cache(self.by_right)
+        self.rightful = cache(self.by_right)
         self._powers = cache(self._powers_in)
         self._attacked = lru_cache(MAX_AT_HAND)(self._attacked_by)
 
@@ -101,24 +99,16 @@ class Flows:
     def lanes(self, search: Search) -> list[Lane]:
         """The ways in which hops are possible under the attacker."""
         if search.own:
-            return self.by_rights(search)
+            return self.rightful(own=True)
         if search.attacker is Attacker.RELAYS:
             everybody = frozenset(range(self.outsider + 1))
             return self._attacked(everybody, everybody)
-        forging = search.compromised
-        if search.attacker is Attacker.SOURCE:
-            forging = frozenset(self.nodes(search.source))
-        return [*self.by_rights(search), *self._attacked(forging, search.compromised | {self.outsider})]
-
-    def by_rights(self, search: Search) -> list[Lane]:
-        """Those of them in which nobody attacks."""
-        return self._rightful(own=True) if search.own else self._rightful()
+        alone = search.attacker is Attacker.SOURCE
+        forging = frozenset(self.nodes(search.source)) if alone else search.compromised
+        return [*self.rightful(own=False), *self._attacked(forging, search.compromised | {self.outsider})]
 
     def by_right(self, *, own: bool = False, among: Collection[int] | None = None) -> list[Lane]:
-        """By trust domain of sender and receiver: what may be written and read by right, on both sides.
-
-        `among`: of these enclaves alone.
-        """
+        """By trust domain of sender and receiver: what is written and read by right on both sides, `among` these."""
         rights = [each.abilities for each in self._own] if own else [each.honest for each in self._trust_domains]
         everybody = range(len(self._system.enclaves))
         among = everybody if among is None else among
@@ -365,7 +355,7 @@ class _Walk:
     def _hop(self, sender: int, node: int) -> tuple[int, int] | None:
         """Whether it is an attack that one hands a sample to the other, and on which channels; None: there is none."""
         if sender != node:
-            for attack, lanes in enumerate((self._flows.by_rights(self._search), self._lanes)):
+            for attack, lanes in enumerate((self._flows.rightful(own=self._search.own), self._lanes)):
                 common = union(lane.puts[sender] & lane.gets[node] for lane in lanes) & ~self._left_out
                 if common:
                     return attack, common

@@ -363,8 +363,10 @@ class System(Struct, frozen=True, kw_only=True):
 
     def at(self, moment: int) -> System:
         """The same with trust domains and enclaves as they are then, and for good; dates say what is in force."""
-        trust_domains, enclaves = (tuple(e.at(moment) for e in each) for each in (self.trust_domains, self.enclaves))
-        return replace(self, trust_domains=trust_domains, enclaves=enclaves)
+        trust_domains = tuple(trust_domain.at(moment) for trust_domain in self.trust_domains)
+        return replace(
+            self, trust_domains=trust_domains, enclaves=tuple(enclave.at(moment) for enclave in self.enclaves)
+        )
 
     def key_of(self, enclave: int) -> int | None:
         """The key of the enclave's identity, None where it has none that is known. Who has equal keys is one."""
@@ -386,7 +388,7 @@ class System(Struct, frozen=True, kw_only=True):
         return any(document.opaque for document in self.documents) or not self.assumed >= DOCUMENTS
 
     def trust_domains_of_enclaves(self) -> dict[int, list[int]]:
-        """By trust domain its enclaves, in order; in others are unmanaged identities alone, with files of their own."""
+        """The trust domains that enclaves are of, each with these; of others are unmanaged identities alone."""
         members = gathered((each.trust_domain, n) for n, each in enumerate(self.enclaves) if not each.unmanaged)
         return dict(sorted(members.items()))
 
