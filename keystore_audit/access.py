@@ -17,12 +17,15 @@ from keystore_audit.model.formal.rights import EffectiveRights
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Answer, Question, Usability, joint
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.profiles import Profile
+from keystore_audit.profiles import Profile, Release
 from keystore_audit.text import meant, some
 from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from keystore_audit.model.tables.access_table import AccessTable
+    from keystore_audit.zenoh.answers import RoutedAnswers
 
 MAX_KNOWN: Final = 30
 """Enclaves named in a message about one that there is not; those of a fleet would hide the message."""
@@ -122,6 +125,39 @@ class Access:
 
 def _unknown_enclave(path: str, known: Sequence[str]) -> str:
     return f"There is no enclave {path!r}.{meant(path, known)} Known: {some(known, MAX_KNOWN)}."
+
+
+def routed(
+    path: str | os.PathLike[str],
+    folder: Path,
+    words: tuple[str, str, str],
+    given: Circumstances,
+    releases: Sequence[Release],
+) -> RoutedAnswers:
+    """What the files of sessions and routers in the folder say: `words` are enclave, operation and a name of ROS 2.
+
+    Raises UsageError for an unknown enclave, errors.NothingToAudit where there is no keystore or no such file.
+    """
+    from keystore_audit.zenoh.answers import Rights, RoutedAnswers, channels, plain
+    from keystore_audit.zenoh.network import read_network
+
+    keystore = given.keystore(path)
+    named, operation, name = words
+    enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
+    if named not in enclaves:
+        raise UsageError(_unknown_enclave(named, sorted(enclaves)))
+    rights, domain = Rights(read_network(folder, keystore, given.at)), given.domain or 0
+    return RoutedAnswers(
+        enclave=named,
+        operation=operation,
+        name=name,
+        domain=domain,
+        at=given.at,
+        folder=os.fspath(folder),
+        keys=tuple(plain(key) for _role, key in channels(operation, name, domain)),
+        answers={each.name: rights.answer(enclaves[named], operation, name, domain, each) for each in releases},
+        doubts=rights.doubts,
+    )
 
 
 def read_access_table(path: str | os.PathLike[str], given: Circumstances) -> AccessTable:

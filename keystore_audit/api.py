@@ -49,8 +49,8 @@ _File = Annotated[str, Meta(pattern="^[^\0\ud800-\udc7f\udd00-\udfff]*\\Z")]
 """A path that a file can have; bytes that are no UTF-8 are surrogates of their own (PEP 383)."""
 
 _PATHS: Final = (
-    "alloy_jar", "baseline", "policy", "policy_include", "environment", "graphs", "launches", "alloy_properties",
-    "roots",
+    "alloy_jar", "baseline", "policy", "policy_include", "environment", "network", "graphs", "launches",
+    "alloy_properties", "roots",
 )  # fmt: skip
 """Arguments that are files and directories."""
 
@@ -78,6 +78,7 @@ def audit(
     policy: PathLike | None = None,
     policy_include: PathLike | None = None,
     environment: PathLike | None = None,
+    network: PathLike | None = None,
     graphs: Sequence[PathLike] = (),
     launches: Sequence[PathLike] = (),
     launch_arguments: Mapping[str, str] | None = None,
@@ -155,6 +156,7 @@ class _Arguments(Struct, kw_only=True):
     policy: _File | None
     policy_include: _File | None
     environment: _File | None
+    network: _File | None
     graphs: tuple[_File, ...]
     launches: tuple[_File, ...]
     launch_arguments: dict[str, str] | None

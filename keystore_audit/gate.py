@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from msgspec.structs import replace
 
@@ -12,9 +12,11 @@ from keystore_audit.engine.horizon import Horizon
 from keystore_audit.engine.needs import taken_for_granted
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.given import GivenFile
 from keystore_audit.intent.environment import DISTRIBUTION, DOMAIN, RMW, Environment
+from keystore_audit.intent.intent import Intent, Origin
 from keystore_audit.options import DEFAULT_NOTICE, Options
-from keystore_audit.profiles import Profile, implementations, resolve, running, scope_of
+from keystore_audit.profiles import Profile, facts, implementations, resolve, running, scope_of
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import PEERS_IN_SCOPE, Verdict, answered_if, conditions_of
@@ -23,6 +25,10 @@ from keystore_audit.rules.judge import Judgement
 from keystore_audit.rules.registry import Context
 from keystore_audit.settings.suppressions import MAX_DAYS, Suppression, check_codes, check_dates, first_end, limited
 from keystore_audit.text import shorten, terminal
+from keystore_audit.zenoh.answers import Rights
+
+if TYPE_CHECKING:
+    from keystore_audit.intent.policy import Policy
 
 MAX_ARGUMENT: Final = 200
 """Characters of an argument of launch files in a report."""
@@ -44,6 +50,7 @@ def complete(context: Context, judgement: Judgement) -> bool:
     return (
         bool(context.results)
         and not meaning.doubts
+        and (context.network is None or not Rights(context.network).doubts)
         and meaning.over_budget is None
         and all(run.status is EngineStatus.OK for run in context.engines if run.required)
         and all(result.status is not Status.UNKNOWN for result in context.results)
@@ -57,6 +64,23 @@ def verdict(findings: Sequence[Finding], fail_on: Severity | None, *, complete: 
         return Verdict.INCOMPLETE, 4
     failing = any(finding.fails(fail_on) for finding in findings)
     return (Verdict.FAIL, 1) if failing else (Verdict.PASS, 0)
+
+
+def inputs(
+    context: Context, policy: Policy | None, intents: Sequence[Intent], options: Options
+) -> Iterator[tuple[str, GivenFile]]:
+    """The files beside the keystore that were read, but for settings and baseline."""
+    if context.environment is not None:
+        yield "--env", context.environment.file
+    for process in context.network.processes if context.network is not None else ():
+        yield facts.NETWORK_OPTION, process.file
+    for file in policy.files if policy is not None else ():
+        yield "--policy", file
+    for intent in intents:
+        option = "--graph" if intent.origin is Origin.GRAPH else "--launch"
+        yield from ((option, file) for file in intent.files)
+    for asked in options.alloy_properties:
+        yield "--alloy-property", asked.file
 
 
 def started_with(environment: Environment) -> tuple[str, ...]:
@@ -143,6 +167,8 @@ def stated(options: Options, scope: str) -> Iterator[str]:
     """What options say of the robots: what they run, the zone in which dates are read, arguments of launch files."""
     if scope:
         yield f"{PEERS_IN_SCOPE[0].upper()}{PEERS_IN_SCOPE[1:]}: {scope}."
+    if options.network is not None:
+        yield facts.ROUTED_STATED.format(shorten(terminal(f"{options.network}"), MAX_ARGUMENT))
     if options.time_zone is not None:
         where = f"Robots are in the time zone {options.time_zone.key} (--time-zone)"
         yield f"{where}: some implementations read the dates of grants in local time."

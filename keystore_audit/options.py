@@ -132,6 +132,8 @@ class Options(Struct, frozen=True, kw_only=True):
     settings_passed_over: str = ""
     """That settings lay where they are looked for and were not used, and why."""
     baseline: Baseline | None = None
+    network: Path | None = None
+    """The folder of the files that processes of the middleware that routes start with."""
     environment: Path | None = None
     """The file of variables that the robots start with: profile and domain are taken from it where not given."""
     graphs: tuple[Path, ...] = ()

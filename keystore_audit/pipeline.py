@@ -26,6 +26,7 @@ from keystore_audit.engine.needs import solved_again, taken_for_granted, with_ne
 from keystore_audit.gate import (
     assumptions,
     complete,
+    inputs,
     passed_over,
     scoped,
     started_with,
@@ -38,7 +39,7 @@ from keystore_audit.gate import (
 from keystore_audit.given import GivenFile
 from keystore_audit.intent import read_observed
 from keystore_audit.intent.environment import Environment, read_environment
-from keystore_audit.intent.intent import Intent, Origin
+from keystore_audit.intent.intent import Intent
 from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
@@ -48,7 +49,7 @@ from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.trust import chain as trust
 from keystore_audit.options import Options, Progress
-from keystore_audit.profiles import Profile, at_work, fleets, resolve, scope_of
+from keystore_audit.profiles import Profile, at_work, fleets, releases, resolve, scope_of
 from keystore_audit.properties.result import AlloyResult, EngineStatus, PropertyResult, Status
 from keystore_audit.report.content import (
     MAX_RANKED,
@@ -75,6 +76,7 @@ if TYPE_CHECKING:
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
     from keystore_audit.model.intended.observed_rights import WiredNode
+    from keystore_audit.zenoh.network import Network
 
 
 def audit(
@@ -103,6 +105,7 @@ def audit(
     declared = options.settings.declared if options.settings else None
     enclaves = progress.enclaves if progress else None
     keystore = read_keystore(path, progress=enclaves, declared=options.files)
+    network = _network(options, keystore)
     if progress:
         progress.stage("working out what the documents mean")
     assumed = EVERY.difference(options.not_assumed)
@@ -150,8 +153,10 @@ def audit(
         deployed=options.deployed,
         profiles=working,
         fleets=profiles,
+        releases=releases(options.profiles),
         beside=beside,
         environment=environment,
+        network=network,
         observed=_compared(intents, keystore, working, accesses, options),
         launch_complete=options.launch_complete,
         suppressions=accepted,
@@ -161,12 +166,13 @@ def audit(
             f"{options.time_zone}",
             *sorted(each.value for each in accesses.assumed),
             *declared_runs,
+            *(each.file.sha256 for each in (network.processes if network is not None else ())),
         ),
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
-    inputs = tuple(_inputs(environment, policy, intents, options))
-    report = _report(context, judgement, while_accepted(safe, judgement, options.fail_on), options, inputs)
+    read = tuple(inputs(context, policy, intents, options))
+    report = _report(context, judgement, while_accepted(safe, judgement, options.fail_on), options, read)
     return _drawn(report, context, accesses, options)
 
 
@@ -242,21 +248,6 @@ def _asserted(
     return with_label_answers(claims, with_breaches(results, meaning.systems))
 
 
-def _inputs(
-    environment: Environment | None, policy: Policy | None, intents: Sequence[Intent], options: Options
-) -> Iterator[tuple[str, GivenFile]]:
-    """The files beside the keystore that were read, but for settings and baseline."""
-    if environment is not None:
-        yield "--env", environment.file
-    for file in policy.files if policy is not None else ():
-        yield "--policy", file
-    for intent in intents:
-        option = "--graph" if intent.origin is Origin.GRAPH else "--launch"
-        yield from ((option, file) for file in intent.files)
-    for asked in options.alloy_properties:
-        yield "--alloy-property", asked.file
-
-
 def _report(
     context: Context, judgement: Judgement, safe: Horizon, options: Options, inputs: tuple[tuple[str, GivenFile], ...]
 ) -> Report:
@@ -327,6 +318,15 @@ def _files(context: Context) -> Iterator[tuple[str, str]]:
     read = chain(shared, *(each.files.every for each in keystore.enclaves)) if apart else ()
     ours = {file.place for file in read}
     return ((path, sha256) for path, sha256 in keystore.contents if path in ours or not path.startswith(folders))
+
+
+def _network(options: Options, keystore: Keystore) -> Network | None:
+    """What processes of the middleware that routes start with; raises errors.NothingToAudit where there is nothing."""
+    if options.network is None:
+        return None
+    from keystore_audit.zenoh.network import read_network  # most audits have none
+
+    return read_network(options.network, keystore, options.at)
 
 
 def _policy(options: Options) -> Policy | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import Enum
 
 from msgspec import Struct
@@ -23,6 +24,22 @@ class Truth(Enum):
     def must(self) -> bool:
         """Whether it is certain."""
         return self is Truth.YES
+
+    @property
+    def negated(self) -> Truth:
+        """Whether it is not so."""
+        return Truth.UNKNOWN if self is Truth.UNKNOWN else Truth(not self.value)
+
+
+def all_of(parts: Iterable[Truth]) -> Truth:
+    """Whether all is so; yes of nothing."""
+    found = {*parts}
+    return Truth.NO if Truth.NO in found else Truth.UNKNOWN if Truth.UNKNOWN in found else Truth.YES
+
+
+def any_of(parts: Iterable[Truth]) -> Truth:
+    """Whether some of it is so; no of nothing."""
+    return all_of(part.negated for part in parts).negated
 
 
 class Bounds(Struct, frozen=True):

@@ -34,6 +34,9 @@ def build(story: Story, samples: Path = SAMPLES) -> None:
         shutil.rmtree(sample)
     write(tree, sample, story.key_mode)
     description_of(sample).write_text(story.description(expected), "utf-8")
+    for path, content in story.beside.items():
+        (samples / path).parent.mkdir(parents=True, exist_ok=True)
+        (samples / path).write_bytes(content)
 
 
 def check(story: Story, samples: Path = SAMPLES) -> list[str]:
@@ -50,6 +53,9 @@ def check(story: Story, samples: Path = SAMPLES) -> list[str]:
     wanted = story.description(read_description(sample))
     if not description.is_file() or description.read_text("utf-8") != wanted:
         lines.append(f"{story.directory}.toml: differs from the story")
+    for path, content in story.beside.items():
+        if not (samples / path).is_file() or (samples / path).read_bytes() != content:
+            lines.append(f"{path}: differs from the story")
     return lines
 
 
@@ -60,7 +66,14 @@ HAND_WRITTEN = ("alloy_properties", "environments", "graphs", "launch", "policie
 def leftovers() -> list[str]:
     """Directories and descriptions that no story builds."""
     known = {SAMPLES / story.directory for story in catalogue.stories()}
-    built = known | {description_of(sample) for sample in known} | {SAMPLES / "README.md"}
+    beside = {SAMPLES / path for story in catalogue.stories() for path in story.beside}
+    built = (
+        known
+        | beside
+        | {folder for file in beside for folder in file.parents}
+        | {description_of(sample) for sample in known}
+        | {SAMPLES / "README.md"}
+    )
     built |= {folder for sample in known for folder in sample.parents}
     known |= {SAMPLES / folder for folder in HAND_WRITTEN}
     built |= known

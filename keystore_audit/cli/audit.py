@@ -98,8 +98,8 @@ def formats_of(given: Mapping[str, Any]) -> set[str | None]:
 GROUPS: Final = {
     "Scope": ("distros", "rmws", "profiles", "domain", "at", "time_zone", "deployed", "not_assumed"),
     "Inputs": (
-        "recursive", "settings", "roots", "identity_cas", "permissions_cas", "environment", "policy", "policy_include",
-        "graphs", "launches", "launch_arguments", "alloy_properties", "certificates",
+        "recursive", "settings", "roots", "identity_cas", "permissions_cas", "environment", "network", "policy",
+        "policy_include", "graphs", "launches", "launch_arguments", "alloy_properties", "certificates",
     ),
     "Output": ("kind", "targets", "min_severity", "quiet", "verbose", "color"),
     "Gate": ("fail_on", "expires_within", "launch_complete", "select", "ignore", "baseline"),
@@ -173,6 +173,7 @@ Examples:
     "environment",
     help="The variables that the robots start with (NAME=VALUE): security, middleware, domain.",
 )
+@opt.network_option
 @opt.file("--policy", help="Compare what is granted with this SROS2 policy, both ways.")
 @opt.file(
     "--policy-include", metavar="DIR", help="The policy may include files from below DIR (default: from beside it)."
@@ -239,8 +240,9 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
     if given["policy_include"] is not None and given["policy"] is None:
         raise click.UsageError("--policy-include is for the files that a --policy includes.")
     several = len(keystores) > 1 or given["recursive"]
-    if several and (given["graphs"] or given["launches"] or given["certificates"]):
-        raise click.UsageError("--graph, --launch and --certificate are about one keystore: name one KEYSTORE.")
+    if several and (given["graphs"] or given["launches"] or given["network"] or given["certificates"]):
+        named = f"--graph, --launch, {facts.NETWORK_OPTION} and --certificate"
+        raise click.UsageError(f"{named} are about one keystore: name one KEYSTORE.")
     if several or given["executor"] or any(wanted.each or wanted.tables for wanted in given["targets"]):
         from keystore_audit.cli import fleet
 

@@ -18,8 +18,10 @@ from keystore_audit.options import LAST_DOMAIN
 if TYPE_CHECKING:
     from keystore_audit.model.question import Answer, Question
     from keystore_audit.model.tables.access_table import AccessTable
+    from keystore_audit.zenoh.answers import RoutedAnswer
 
 ROS_OPERATIONS: Final = ("publish", "subscribe", "relay", "request", "reply", "call", "execute")
+ROUTED_OPERATIONS: Final = tuple(each for each in ROS_OPERATIONS if each != "relay")
 DDS_OPERATIONS: Final = ("publish", "subscribe", "relay")
 KINDS: Final = ("ros", "dds")
 EXPECTED: Final = ("allow", "deny")
@@ -41,6 +43,7 @@ EXPECTED: Final = ("allow", "deny")
     help="In which partition (default: the one without a name); repeatable, of an endpoint in several at once.",
 )
 @opt.reading_options
+@opt.network_option
 @opt.file_options
 @opt.format_option("How the answer is written.", "text", "json")
 @click.option("--effective", is_flag=True, help="The exit code is about what peers accept, not about own checks.")
@@ -66,12 +69,36 @@ def command(keystore: str, words: tuple[str, ...], **given: Any) -> int:
       1   some profile denies, or allows a part alone
       4   some profile's answer is unknown
     """  # noqa: D301 - click's mark for lines that stay as they are
+    if given["network"] is not None:
+        return _in_network(keystore, words, given)
     if given["batch"] is not None:
         _check_batch(words, given)
         return _batch(keystore, given)
     if len(words) != 3:
         raise click.UsageError("Name ENCLAVE, OPERATION and NAME, e.g. `/talker publish /chatter`.")
     return _one(keystore, words[0], words[1], words[2], given)
+
+
+def _in_network(keystore: str, words: Sequence[str], given: dict[str, Any]) -> int:
+    """Answer by the files of the middleware that routes, by which permissions and partitions do not count."""
+    from keystore_audit.access import routed
+    from keystore_audit.intent.intent import is_ros_name
+    from keystore_audit.profiles import releases
+    from keystore_audit.report import routed_answer
+
+    opt.refuse(("batch", "kind", "partitions", "not_assumed", "time_zone"), "files of sessions and routers")
+    if len(words) != 3:
+        raise click.UsageError("Name ENCLAVE, OPERATION and NAME, e.g. `/talker publish /chatter`.")
+    enclave, operation, name = words
+    if operation not in ROUTED_OPERATIONS:
+        raise click.UsageError(types.unknown(f"{operation!r} is not one of", operation, ROUTED_OPERATIONS))
+    if not is_ros_name(name):
+        raise click.UsageError(f"{name!r} is no fully qualified ROS name: expected one like /chatter.")
+    reading = opt.reading(given, opt.named_settings(given, keystore))
+    asked = routed(keystore, given["network"], (enclave, operation, name), reading, releases(given["profiles"]))
+    render = routed_answer.json if given["form"] == "json" else routed_answer.text
+    output.write_stdout(render(asked))
+    return _exit_code(asked.answers.values(), effective=given["effective"], expected=given["expect"])
 
 
 def _check_batch(words: Sequence[str], given: dict[str, Any]) -> None:
@@ -140,7 +167,7 @@ def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -
     )
 
 
-def _exit_code(answers: Collection[Answer], *, effective: bool, expected: str | None) -> int:
+def _exit_code(answers: Collection[Answer | RoutedAnswer], *, effective: bool, expected: str | None) -> int:
     """4 where any answer is unknown, 0 where all are `expected` (none: allow), else 1."""
     words = {answer.accepted if effective else answer.decided for answer in answers}
     if "unknown" in words:

@@ -14,7 +14,7 @@ from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.cli.types import Known, Number, Word, instant, launch_argument, profile_name, seconds, zone_name
 from keystore_audit.errors import UsageError
 from keystore_audit.options import LAST_DOMAIN, declared_files, now
-from keystore_audit.profiles import MIDDLEWARE
+from keystore_audit.profiles import MIDDLEWARE, facts
 
 if TYPE_CHECKING:
     from keystore_audit.circumstances import Circumstances
@@ -39,17 +39,17 @@ def together(*options: Callable[[F], F]) -> Callable[[F], F]:
 
 
 def _profiles() -> Iterable[str]:
-    from keystore_audit.profiles import ALIASES, VARIANTS
+    from keystore_audit.profiles import ALIASES, ROUTED, VARIANTS
 
-    return (*VARIANTS, *ALIASES)
+    return (*VARIANTS, *ROUTED, *ALIASES)
 
 
 def _scopes() -> tuple[Iterable[str], Iterable[str]]:
     """What --distro and --rmw take."""
-    from keystore_audit.profiles import DEFAULT, MIDDLEWARE, VARIANTS
+    from keystore_audit.profiles import DEFAULT, MIDDLEWARE, ROUTING, VARIANTS
 
     shipped = (name for each in DEFAULT for name in VARIANTS[each].distributions)
-    return dict.fromkeys(shipped), dict.fromkeys((*MIDDLEWARE.values(), *MIDDLEWARE))
+    return dict.fromkeys(shipped), dict.fromkeys((*MIDDLEWARE.values(), *MIDDLEWARE, *ROUTING))
 
 
 def _scoping(name: str, destination: str, words: Callable[[], Iterable[str]], text: str) -> Callable[[F], F]:
@@ -74,14 +74,13 @@ def _scoping(name: str, destination: str, words: Callable[[], Iterable[str]], te
 def _in_scope(context: click.Context, _parameter: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     """The profiles that --distro, --rmw and --profile choose together."""
     distros, rmws = context.meta.get(_DISTROS, ()), context.meta.get(_RMWS, ())
-    if not distros and not rmws:
-        return names
     from keystore_audit.profiles import in_scope
 
     try:
-        return in_scope(distros, rmws, names)
+        chosen = in_scope(distros, rmws, names, routed=bool(context.params.get("network")))
     except UsageError as error:
         raise click.UsageError(error.message, context) from error
+    return chosen if distros or rmws else names
 
 
 _DISTROS: Final = "distros"
@@ -200,6 +199,14 @@ reading_options: Final = together(scope_options, _at, _time_zone, _no_assume)
 
 no_assume_option: Final = _no_assume
 """That of an audit, which takes more."""
+
+network_option: Final = file(
+    facts.NETWORK_OPTION,
+    "network",
+    metavar="DIR",
+    is_eager=True,  # before the scope, which may be of that middleware alone
+    help=f"What {facts.UNENFORCING} enforces: the folder of session and router files that name the keystore's keys.",
+)
 
 roots_option: Final = file(
     "--root", "roots", metavar="DIR", multiple=True, help="Links of the keystore may lead into DIR (repeatable)."

@@ -23,6 +23,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile, read_given
 from keystore_audit.keystore.document import MAX_DOMAIN
+from keystore_audit.profiles import facts
 
 MAX_BYTES: Final = 1024 * 1024
 
@@ -38,7 +39,9 @@ DISTRIBUTION: Final = "ROS_DISTRO"
 SECURE: Final = {ENABLE: "true", STRATEGY: "Enforce"}
 """The one value with which there is security, exactly (rcl's `security.c`)."""
 
-VARIABLES: Final = (ENABLE, STRATEGY, KEYSTORE, OVERRIDE, DOMAIN, RMW, DISTRIBUTION)
+CONFIGURATION: Final = facts.OVERRIDE_OF_CONFIGURATION
+
+VARIABLES: Final = (ENABLE, STRATEGY, KEYSTORE, OVERRIDE, DOMAIN, RMW, DISTRIBUTION, CONFIGURATION)
 """Those that are looked at; others are passed over."""
 
 _ASSIGNMENT: Final = re.compile(r"(export[ \t]+)?([A-Za-z_][A-Za-z0-9_]*)=(.*)", re.DOTALL)

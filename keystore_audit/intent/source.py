@@ -166,10 +166,14 @@ Event = tuple[int, str, str | int | bool | None]
 
 
 class Value(Struct, frozen=True, kw_only=True):
-    """A value with the line it begins at; what is inside an array or object are Values again."""
+    """A value with the line it begins at; what is inside an array or object are Values again.
+
+    `repeated`: keys of the object that stand in it again, where a language lets them.
+    """
 
     line: int
-    content: str | int | bool | tuple[Value, ...] | Mapping[str, Value] | None
+    content: str | float | bool | tuple[Value, ...] | Mapping[str, Value] | None
+    repeated: tuple[Value, ...] = ()
 
 
 def parse_json(text: str) -> Value:

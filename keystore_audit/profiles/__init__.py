@@ -32,18 +32,21 @@ from keystore_audit.profiles.peculiarities import (
     TopicCheck,
     Trust,
 )
+from keystore_audit.profiles.routed import Release
 from keystore_audit.profiles.scope import (
     ALIASES,
     DEFAULT,
     DISTRIBUTIONS,
     MIDDLEWARE,
+    ROUTING,
     at_work,
     fleets,
     in_scope,
+    releases,
     resolve,
     running,
 )
-from keystore_audit.profiles.table import QUIRKS, SPEC, VARIANTS, TableError, check_reader
+from keystore_audit.profiles.table import QUIRKS, ROUTED, SPEC, VARIANTS, TableError, check_reader
 
 __all__ = [
     "ALIASES",
@@ -51,6 +54,8 @@ __all__ = [
     "DISTRIBUTIONS",
     "MIDDLEWARE",
     "QUIRKS",
+    "ROUTED",
+    "ROUTING",
     "SPEC",
     "TESTED_ON",
     "VARIANTS",
@@ -65,6 +70,7 @@ __all__ = [
     "PartitionReading",
     "Profile",
     "RelayReading",
+    "Release",
     "RevocationLists",
     "SubjectComparison",
     "Syntax",
@@ -81,6 +87,7 @@ __all__ = [
     "fleets",
     "implementations",
     "in_scope",
+    "releases",
     "resolve",
     "running",
     "scope_of",

@@ -9,7 +9,8 @@ from msgspec.structs import replace
 
 from keystore_audit.errors import UsageError
 from keystore_audit.profiles.peculiarities import Profile
-from keystore_audit.profiles.table import FAMILIES, SPEC, VARIANTS
+from keystore_audit.profiles.routed import Release
+from keystore_audit.profiles.table import FAMILIES, ROUTED, SPEC, VARIANTS
 from keystore_audit.text import meant
 
 _SUPPORTED: Final = ("humble", "jazzy", "kilted", "lyrical")
@@ -38,11 +39,15 @@ ALIASES: Final[Mapping[str, tuple[str, ...]]] = {
     "all": tuple(VARIANTS),
 }
 
+ROUTING: Final = ("zenoh", "rmw_zenoh_cpp")
+"""What --rmw may say of the middleware that routes, of which no permissions bind the processes."""
+
 
 def resolve(names: Iterable[str]) -> tuple[Profile, ...]:
     """The profiles that `names` (variants or aliases) stand for, in canonical order; none: the default ones.
 
-    Raises UsageError, with the known names and the nearest one, for a name that is neither.
+    Those of `ROUTED` are passed over: `releases`. Raises UsageError, with the known names and the nearest one, for a
+    name that is none of all these.
     """
     wanted: set[str] = set()
     for name in names:
@@ -50,22 +55,38 @@ def resolve(names: Iterable[str]) -> tuple[Profile, ...]:
             wanted.add(name)
         elif name in ALIASES:
             wanted.update(ALIASES[name])
-        else:
-            known = [*VARIANTS, *ALIASES]
+        elif name not in ROUTED:
+            known = [*VARIANTS, *ROUTED, *ALIASES]
             raise UsageError(f"Unknown profile {name!r}.{meant(name, known)} Known: {', '.join(known)}.")
     chosen = wanted or set(DEFAULT)
     return tuple(profile for name, profile in VARIANTS.items() if name in chosen)
 
 
-def in_scope(distributions: Sequence[str], middleware: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-    """The variants that one of the `distributions` ships, that one of the `middleware` runs on, and that `names` stand
-    for; what is empty leaves all. `middleware`: families, or what RMW_IMPLEMENTATION says.
+def releases(names: Iterable[str]) -> tuple[Release, ...]:
+    """Those of the middleware that routes that `names` stand for, as for `resolve`; none: what is shipped."""
+    wanted = {*names}
+    named = [each for each in ROUTED.values() if each.name in wanted or "all" in wanted]
+    shipped = [each for each in ROUTED.values() if wanted & {*each.distributions}]
+    return tuple(named or shipped or (each for each in ROUTED.values() if each.distributions))
 
-    Raises UsageError for what is not known or not modelled, and where no variant is all three.
+
+def in_scope(
+    distributions: Sequence[str], middleware: Sequence[str], names: Sequence[str], *, routed: bool = False
+) -> tuple[str, ...]:
+    """The variants that one of the `distributions` ships, that one of the `middleware` runs on, and that `names` stand
+    for; what is empty leaves all. `middleware`: families, or what RMW_IMPLEMENTATION says. `routed`: whether there are
+    files of the middleware that routes: then its releases are in scope, too, and chosen alone it leaves all variants.
+
+    Raises UsageError for what is not known, or routes where there are no such files, and where no variant is all three.
     """
-    for word in middleware:
-        if "zenoh" in word:
-            raise UsageError(f"--rmw {word}: rmw_zenoh is not modelled; no permissions of a keystore bind it.")
+    for word in (*middleware, *names):
+        if not routed and (word in ROUTING or word in ROUTED):
+            raise UsageError(
+                f"{word!r}: no permissions of a keystore bind rmw_zenoh; name its files with --zenoh DIR, which audit "
+                "and can take."
+            )
+    chosen = releases(names)
+    middleware = [word for word in middleware if word not in ROUTING]
     for option, words, known in (
         ("--distro", distributions, DISTRIBUTIONS),
         ("--rmw", middleware, (*dict.fromkeys(MIDDLEWARE.values()), *MIDDLEWARE)),
@@ -82,7 +103,8 @@ def in_scope(distributions: Sequence[str], middleware: Sequence[str], names: Seq
     )
     if not found:
         raise UsageError("No known implementation is all that --distro, --rmw and --profile say together.")
-    return found
+    shipping = (each.name for each in chosen if not distributions or {*distributions} & {*each.distributions})
+    return (*found, *shipping) if routed else found
 
 
 def fleets(profiles: Sequence[Profile], runs: Mapping[str, Sequence[str]]) -> tuple[Profile, ...]:

@@ -16,6 +16,7 @@ import msgspec
 from msgspec import Struct
 
 from keystore_audit.profiles.peculiarities import Access, Local, Profile, Trust
+from keystore_audit.profiles.routed import Release
 
 _ROWS: Final = {"trust": Trust, "access": Access, "local": Local}
 GROUP: Final = {name: group for group, row in _ROWS.items() for name in row.__struct_fields__}
@@ -64,6 +65,7 @@ class _Table(Struct, kw_only=True, forbid_unknown_fields=True):
     family: dict[str, Family]
     quirk: dict[str, Quirk]
     implementation: dict[str, dict[str, Any]]
+    routed: dict[str, Release]
 
 
 def value_name(value: object) -> str:
@@ -147,6 +149,9 @@ FAMILIES: Final[Mapping[str, Family]] = _TABLE.family
 VARIANTS: Final[Mapping[str, Profile]] = _profiles(_TABLE)
 _check_answers(QUIRKS, VARIANTS)
 SPEC: Final = VARIANTS["spec"]
+ROUTED: Final[Mapping[str, Release]] = {
+    name: msgspec.structs.replace(release, name=name) for name, release in _TABLE.routed.items()
+}
 
 
 def answer(name: str, profile: Profile) -> str:

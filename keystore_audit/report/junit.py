@@ -24,6 +24,7 @@ FAMILIES: Final[Mapping[str, str]] = {
     "KA5": "permissions",
     "KA6": "access across documents",
     "KA7": "formal properties and information flow",
+    "KA8": "sessions and routers",
     "KA9": "the audit itself",
 }
 

@@ -21,6 +21,8 @@ from keystore_audit.rules import (  # noqa: F401 - each registers its rules
     grants,
     identity,
     layout,
+    network,
+    network_access,
     observed,
     permissions,
     portability,

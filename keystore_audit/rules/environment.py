@@ -153,17 +153,18 @@ def domain_id_invalid(environment: Environment) -> Iterator[Violation]:
     "KA676",
     Severity.HIGH,
     f"keystore-audit, README.md (what it does not do); {facts.OWN_ACCESS_CONTROL}",
-    outside(f"{facts.ENFORCING}, or look by other means at what the middleware enforces."),
+    outside(f"{facts.ENFORCING}; or name the files of {facts.UNENFORCING} ({facts.NETWORK_OPTION} DIR)."),
     of=_environment,
 )
-def middleware_not_modelled(environment: Environment) -> Iterator[Violation]:
+def middleware_not_modelled(environment: Environment, context: Context) -> Iterator[Violation]:
     """The middleware is none whose decisions are known here, so that this report says nothing about it.
 
-    rmw_zenoh_cpp takes its own access control file; it enforces neither governance.p7s nor permissions.p7s.
+    rmw_zenoh_cpp takes its own access control file; it enforces neither governance.p7s nor permissions.p7s. With
+    `--zenoh DIR` the audit speaks of those files.
     """
     name = environment.value(RMW)
-    if name and name not in MIDDLEWARE:
-        unenforcing = name == facts.UNENFORCING
+    unenforcing = name == facts.UNENFORCING
+    if name and name not in MIDDLEWARE and not (unenforcing and context.network is not None):
         why = "enforces neither governance.p7s nor permissions.p7s" if unenforcing else "is not known here"
         yield _found(
             environment,

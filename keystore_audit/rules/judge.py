@@ -106,6 +106,9 @@ def _subjects(context: Context) -> Iterator[tuple[str, object]]:
         yield revocations.file.place, revocations
     for document in (*governance_uses(keystore), *permissions_uses(keystore), *unmanaged_uses(keystore)):
         yield document.signed.file.place, document
+    if context.network is not None:
+        yield context.network.path, context.network
+        yield from ((process.path, process) for process in context.network.processes)
     for result in context.results:
         yield result.prop.id, result
     for run in context.engines:

@@ -2,7 +2,7 @@
 
 A fingerprint says which finding it is, its meaning what the files said then, as they were parsed: without lines and
 layout, and of dates only whether they have come. So signing again, reformatting and renewing with the same key change
-nothing. A finding of KA1 to KA5 is about what stands at its places. One of KA6 or KA7 is about all that the answer may
+nothing. A finding of KA1 to KA5 is about what stands at its places. One of KA6 to KA8 is about all that the answer may
 rest on: every document, certificate, revocation list and file of no enclave, the scope and the assumptions; that of a
 property also about what violates it.
 """
@@ -31,7 +31,7 @@ from keystore_audit.properties.result import UserResult
 from keystore_audit.rules import registry
 from keystore_audit.rules.subjects import instant_of, signed_bytes
 
-_ACROSS: Final = ("KA6", OF_PROPERTIES)
+_ACROSS: Final = ("KA6", OF_PROPERTIES, "KA8")
 """Families of rules whose answers rest on the whole keystore."""
 
 _LEFT_OUT: Final = {

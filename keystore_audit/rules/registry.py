@@ -18,7 +18,7 @@ from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.trust.chain import Authorities
-from keystore_audit.profiles import Profile
+from keystore_audit.profiles import Profile, Release
 from keystore_audit.properties.result import EngineRun, PropertyResult
 from keystore_audit.settings.suppressions import Suppression
 from keystore_audit.text import meant
@@ -27,6 +27,7 @@ from keystore_audit.truth import Truth
 if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs none of it
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
+    from keystore_audit.zenoh.network import Network
 
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.typed import Operation
@@ -57,6 +58,10 @@ class Context(Struct, frozen=True, kw_only=True):
     """The other keystores of this run; None: there are none."""
     environment: Environment | None = None
     """What the robots' processes start with; None where no file says so."""
+    network: Network | None = None
+    """The processes of the middleware that routes; None where no folder of theirs was named."""
+    releases: tuple[Release, ...] = ()
+    """Of that middleware, those that are judged."""
     drift: Drift | None = None
     """The keystore compared with the policy; None where none was named."""
     observed: Observation | None = None

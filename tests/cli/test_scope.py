@@ -47,8 +47,8 @@ def test_a_distribution_is_all_that_it_ships(distribution: str) -> None:
 @pytest.mark.parametrize(
     ("scope", "said"),
     [
-        (("--rmw", "zenoh"), "--rmw zenoh: rmw_zenoh is not modelled"),
-        (("--rmw", "rmw_zenoh_cpp"), "--rmw rmw_zenoh_cpp: rmw_zenoh is not modelled"),
+        (("--rmw", "zenoh"), "name its files with --zenoh DIR"),
+        (("--rmw", "rmw_zenoh_cpp"), "name its files with --zenoh DIR"),
         (("--rmw", "fastrtps"), "--rmw: 'fastrtps' is not one of fastdds, cyclonedds, "),
         (("--distro", "jazy"), "Did you mean jazzy?"),
         (("--distro", "jazzy", "--profile", "fastdds-3.6"), "No known implementation is all that"),

@@ -56,6 +56,8 @@ class Certificate(Struct, frozen=True, kw_only=True):
     path_length: int | None = None
     key_usage: frozenset[str] = frozenset()
     unknown_critical_extension: str | None = None
+    host: str | None = None
+    """A DNS name that it is for (subject alternative name)."""
     serial: int | None = None
     digest: str = "sha256"
 
@@ -129,6 +131,9 @@ def _extensions(certificate: Certificate) -> list[x509.Extension]:
         found.append(_extension("basic_constraints", x509.BasicConstraints(constraints), critical=certificate.ca))
     if certificate.key_usage:
         found.append(_extension("key_usage", x509.KeyUsage(set(certificate.key_usage)), critical=True))
+    if certificate.host is not None:
+        names = x509.GeneralNames([x509.GeneralName(name="dns_name", value=certificate.host)])
+        found.append(_extension("subject_alt_name", names, critical=False))
     if certificate.unknown_critical_extension is not None:
         found.append(_extension(certificate.unknown_critical_extension, OctetString(b"sample").dump(), critical=True))
     return found

@@ -24,7 +24,8 @@ class Story(Struct, frozen=True, kw_only=True):
     `directory` is relative to `sample_keystores/`; `text` says what is built, what is wrong or right, and why
     it matters; `at` and `options` are those of the audit. `rule`: the code of the rule that the sample is
     for. `key_mode`: the mode of private keys, which git does not keep. `by_meaning`: its signed documents
-    have a time and a nonce of their own at every build.
+    have a time and a nonce of their own at every build. `beside`: files that its options name, by their paths
+    below `sample_keystores/`.
     """
 
     directory: str
@@ -35,6 +36,7 @@ class Story(Struct, frozen=True, kw_only=True):
     rule: str | None = None
     key_mode: int = 0o600
     by_meaning: bool = False
+    beside: Mapping[str, bytes] = {}
 
     def description(self, expectation: Mapping[str, Any]) -> str:
         """The `.toml` beside the sample.
@@ -59,11 +61,14 @@ class Story(Struct, frozen=True, kw_only=True):
 
 
 class Case(NamedTuple):
-    """One side of a pair: what to say of it, and the keystore; options of its own, if the two are audited otherwise."""
+    """One side of a pair: what to say of it, and the keystore; options of its own, if the two are audited otherwise,
+    and the files that these name.
+    """
 
     text: str
     keystore: Store | Tree
     options: tuple[str, ...] = ()
+    beside: Mapping[str, bytes] = {}
 
     def tree(self) -> Tree:
         """The keystore's files."""
@@ -79,6 +84,7 @@ def pair(rule: str, *, bad: Case, good: Case, options: tuple[str, ...] = ()) -> 
             text=case.text,
             tree=case.tree(),
             options=case.options or options,
+            beside=case.beside,
         )
 
 

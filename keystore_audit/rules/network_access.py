@@ -1,0 +1,281 @@
+"""KA8: the access control of sessions and routers: what their rules keep from whom (`--zenoh DIR`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from keystore_audit.findings import Location, Severity, outside
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.profiles import Release, facts
+from keystore_audit.rules.network import found, is_peer
+from keystore_audit.rules.registry import Context, Violation, listed, more_like, paths, quoted, rule
+from keystore_audit.text import meant
+from keystore_audit.truth import Truth
+from keystore_audit.zenoh.access_control import AccessControl, Flow, Kind, Subject
+from keystore_audit.zenoh.access_control import Rule as Written
+from keystore_audit.zenoh.answers import Reached, Rights
+from keystore_audit.zenoh.configuration import Mode
+from keystore_audit.zenoh.network import Network, Process, common_name, is_session
+
+_TAKEN: Final = (Kind.PUT, Kind.DELETE, Kind.QUERY, Kind.REPLY)
+"""What changes something in whoever takes it."""
+
+MAX_ASKED: Final = 500
+"""Rights that are looked for without the own file; the finding tells one, and how many more these have."""
+
+NAMED: Final = (
+    "In every file, give policies subjects with the cert_common_names of the enclaves that may do it, for what comes "
+    "in as for what goes out; or make all sessions clients, without listen endpoints, of one router with such rules."
+)
+
+
+@rule(
+    "KA804",
+    Severity.HIGH,
+    facts.ROUTED_ACCESS,
+    outside(f"Add access_control with enabled true and default_permission deny. {NAMED}"),
+)
+def no_access_control(process: Process) -> Iterator[Violation]:
+    """A process has no access control: whoever has a link to it may do anything with it.
+
+    `enabled` left out is false, whatever else the section says (measured). A router without any passes on whatever
+    comes, and whoever is behind it sees the router alone.
+    """
+    if process.says.starts and process.says.access is None and process.says.whole is not None:
+        section = process.says.find("access_control")
+        what = "is not enabled" if section is not None else "is missing"
+        line = section.line if section is not None else None
+        yield found(process, f"access_control of {process.name} {what}: whoever has a link may do anything.", line)
+
+
+@rule(
+    "KA805",
+    Severity.HIGH,
+    facts.ROUTED_ACCESS,
+    outside("Set default_permission to deny, and allow what is needed."),
+)
+def default_is_allow(process: Process) -> Iterator[Violation]:
+    """What no rule of a process is about is allowed, and so are messages wider than a rule that denies."""
+    access = process.says.access
+    if access is not None and access.allows and process.says.starts:
+        yield found(process, f"{process.name} allows what no rule is about.", access.default_line)
+
+
+@rule(
+    "KA806",
+    Severity.HIGH,
+    facts.ROUTED_ACCESS,
+    outside("Deny by default, and allow to subjects by name what each may do, rather than deny some of it."),
+)
+def deny_rule_evaded(process: Process) -> Iterator[Violation]:
+    """A rule that denies does not: with default allow, a message about a wider expression is none of its own.
+
+    A put on `**` reaches a subscriber of what is denied, and a subscriber of `**` gets it (measured). With default deny
+    the rule is void for whoever is another subject as well, which allows: medium.
+    """
+    access = process.says.access
+    if access is None or not process.says.starts:
+        return
+    denying = [each for each in access.rules if not each.allow]
+    if access.allows and denying:
+        yield found(
+            process,
+            f"{process.name} denies by the rule {quoted(denying[0].name)}, which wider messages evade"
+            f"{more_like(denying)}.",
+            *(each.line for each in denying),
+        )
+    void = [each for each in denying if not access.allows and _is_void(access, each)]
+    if void:
+        message = f"The rule {quoted(void[0].name)} of {process.name} is void for whoever is another subject as well."
+        yield found(process, message, *(each.line for each in void), severity=Severity.MEDIUM, key="void")
+
+
+def _is_void(access: AccessControl, denying: Written) -> bool:
+    """Whether one process can be a subject of the rule and another one, which has some rule that allows."""
+    having = [subject for subject, (_line, rules) in access.subjects.items() if denying in rules]
+    others = [
+        subject
+        for subject, (_line, rules) in access.subjects.items()
+        if denying not in rules and any(each.allow for each in rules)
+    ]
+    return any(_together(one, other) for one in having for other in others)
+
+
+def _together(one: Subject, other: Subject) -> bool:
+    """Whether one process can be both."""
+    pairs = zip(_properties(one), _properties(other), strict=True)
+    return all(None in (left, right) or left == right for left, right in pairs)
+
+
+def _properties(subject: Subject) -> tuple[str | None, ...]:
+    return subject.interface, subject.name, subject.user, subject.protocol, subject.zid
+
+
+@rule(
+    "KA807",
+    Severity.HIGH,
+    facts.ROUTED_ACCESS,
+    outside(NAMED),
+)
+def anybody_may_send(process: Process) -> Iterator[Violation]:
+    """A policy lets a subject send that nobody has to prove to be.
+
+    It has no property at all, or an interface, a protocol or an id, which whoever connects chooses. Files that
+    zenoh_security_tools makes have none but such: they restrain whoever starts with them, and nobody else.
+    """
+    access = process.says.access
+    rules = {
+        rule.name: rule
+        for subject, (_line, given) in (access.subjects.items() if access is not None else ())
+        for rule in given
+        if not subject.authenticated and rule.allow and any(rule.is_about(kind, Flow.INGRESS) for kind in _TAKEN)
+    }
+    if rules and process.says.starts:
+        keys = [text for rule in rules.values() for text, _line in rule.keys]
+        kinds = sorted({kind.value for rule in rules.values() for kind in _TAKEN if rule.is_about(kind, Flow.INGRESS)})
+        message = f"{process.name} takes {listed(kinds)} on {listed(dict.fromkeys(keys))} from anybody."
+        yield found(process, message, *(rule.line for rule in rules.values()), key=f"{sorted(keys)}")
+
+
+@rule(
+    "KA808",
+    Severity.HIGH,
+    facts.ROUTED_ACCESS,
+    outside(NAMED),
+)
+def file_restrains_only_its_owner(network: Network, context: Context) -> Iterator[Violation]:
+    """An enclave can do what its own file denies, by starting without that file.
+
+    What others let in does not depend on who sends. Each process polices its own links alone, and a compromised one
+    drops its file. What others' rules deny to its certificate stays denied.
+    """
+    rights, told, places = Rights(network), list[str](), dict[Location, None]()
+    for enclave, does, name, reached in _beyond(rights, network, context):
+        told.append(f"{enclave.path} {does} {name} by dropping its file; {reached.last.name} allows it")
+        if reached.location is not None:
+            places[reached.location] = None
+    if told:
+        yield Violation(f"{told[0]}{more_like(told)}.", [*places], key=told[0])
+
+
+def _beyond(rights: Rights, network: Network, context: Context) -> Iterator[tuple[Enclave, str, str, Reached]]:
+    """What enclaves can do without their files, and not with them: of what others' rules name."""
+    asked, running = 0, {each.owner for each in network.started}
+    for does, operation, kind, flow in (
+        ("publishes", "publish", Kind.PUT, Flow.INGRESS),
+        ("calls", "request", Kind.QUERY, Flow.INGRESS),
+        ("reads", "subscribe", Kind.PUT, Flow.EGRESS),
+    ):
+        for process in filter(is_session, network.started):
+            for key in _allowed(process, kind, flow):
+                for enclave in filter(running.__contains__, context.keystore.enclaves):
+                    asked += enclave is not process.owner
+                    if enclave is process.owner or asked > MAX_ASKED:
+                        continue
+                    for release in context.releases:
+                        reached = _dropping(rights, enclave, operation, key, release)
+                        if reached is not None:
+                            yield enclave, does, name_of(key), reached
+                            break
+
+
+def _allowed(process: Process, kind: Kind, flow: Flow) -> Iterator[str]:
+    rules = process.says.access.rules if process.says.access is not None else ()
+    yield from (text for rule in rules if rule.allow and rule.is_about(kind, flow) for text, _line in rule.keys)
+
+
+def _dropping(rights: Rights, enclave: Enclave, operation: str, key: str, release: Release) -> Reached | None:
+    works = rights.works(enclave, operation, key, release)
+    could = rights.could(enclave, operation, key, release) if works.truth is Truth.NO else works
+    return could if could is not works and could.truth is Truth.YES else None
+
+
+def name_of(key: str) -> str:
+    """The ROS name that an expression of a rule is about, else the expression."""
+    domain, _slash, rest = key.partition("/")
+    name = rest.removesuffix("/*/*").removesuffix("/**")
+    return f"/{name}" if domain.isdecimal() and name and name != rest and "*" not in name else quoted(key)
+
+
+@rule(
+    "KA809",
+    Severity.HIGH,
+    facts.ROUTED_LINKS,
+    outside(
+        "Make the sessions clients (mode client, no listen endpoints), or write the rules by the names of certificates "
+        "into every session's file."
+    ),
+)
+def router_bypassed(process: Process, context: Context) -> Iterator[Violation]:
+    """A router has rules, and its sessions are linked beside it.
+
+    As peers they hear of each other by gossip or by multicast, or listen, and then send straight to each other
+    (measured).
+    """
+    if context.network is None or process.says.mode is not Mode.ROUTER or process.says.access is None:
+        return
+    peers = [each for each in context.network.started if is_peer(each)]
+    if len(peers) > 1:
+        names = listed(each.name for each in peers)
+        message = f"The rules of the router {process.name} do not stand between {names}, which are peers."
+        yield found(process, message, process.says.access.line)
+
+
+@rule(
+    "KA818",
+    Severity.HIGH,
+    facts.ROUTED_ACCESS,
+    outside("Write the enclave's path as it stands in its certificate: names are compared letter by letter."),
+)
+def name_of_nobody(process: Process, context: Context) -> Iterator[Violation]:
+    """A subject names a certificate that no enclave has: its rules are for nobody, or for a stranger who has it.
+
+    There are no patterns in names, and case and blanks count (measured).
+    """
+    names = {common_name(each.identity) for each in context.keystore.enclaves if each.identity is not None}
+    access = process.says.access
+    subjects = access.subjects.items() if access is not None else ()
+    nobody = {subject.name: line for subject, (line, _rules) in subjects if subject.name not in (None, *names)}
+    if nobody:
+        hints = [meant(f"{name}", (each for each in names if each), " (the nearest is {})") for name in nobody]
+        named = listed(f"{quoted(f'{name}')}{hint}" for name, hint in zip(nobody, hints, strict=True))
+        yield found(process, f"{process.name} has rules for {named}, which no enclave is.", *nobody.values())
+
+
+@rule(
+    "KA821",
+    Severity.MEDIUM,
+    facts.ROUTED_ACCESS,
+    outside("Name it in a policy, or take it out."),
+)
+def rule_of_no_policy(process: Process) -> Iterator[Violation]:
+    """A rule or a subject that no policy names.
+
+    Such a rule has no effect; such a subject is one all the same, and gets the default (measured).
+    """
+    unused = process.says.access.unused if process.says.access is not None else ()
+    if unused:
+        message = f"No policy of {process.name} names the {quoted(unused[0][0])}{more_like(unused)}."
+        yield found(process, message, *(line for _what, line in unused))
+
+
+@rule(
+    "KA824",
+    Severity.HIGH,
+    facts.ROUTED_FILES,
+    outside("Have one file for each enclave that runs, which names its cert.pem and key.pem."),
+)
+def file_without_enclave(network: Network, context: Context) -> Iterator[Violation]:
+    """A file names the certificate of no enclave: its process has no identity of the keystore.
+
+    An enclave of which there is no file starts with another one, or with the defaults, which are plain: medium.
+    """
+    nobody = [each for each in network.started if each.owner is None and each.says.whole is not None]
+    for process in nobody:
+        yield found(process, f"{process.path} names the certificate of no enclave.")
+    without = [each for each in context.keystore.enclaves if all(p.owner is not each for p in network.processes)]
+    if without:
+        message = f"{network.path} has no file of {paths(without)}."
+        places = [each.certificate.file.place for each in without if each.certificate is not None]
+        yield Violation(message, [*map(Location, places)], severity=Severity.MEDIUM, key=f"{sorted(places)}")

@@ -1,0 +1,205 @@
+"""Whether an enclave may do something in a network: with its own file, and without it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
+from functools import cached_property
+from itertools import islice
+from typing import Final
+
+from msgspec import Struct
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.model.matching.key_expressions import EVERYTHING, intersects
+from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
+from keystore_audit.model.question import WORDS
+from keystore_audit.profiles import Release
+from keystore_audit.truth import Truth
+from keystore_audit.zenoh.access_control import Key, Kind, Meant
+from keystore_audit.zenoh.links import OBSTACLES, Links, Message, Tie, Way, find_way
+from keystore_audit.zenoh.network import Network, Process, is_session
+
+MAX_WIDE: Final = 20
+"""Expressions of rules that an attacker is tried with; whether one of the others passes is not certain then."""
+
+_PUT, _SUBSCRIBE, _QUERY, _REPLY, _SERVE = Kind.PUT, Kind.SUBSCRIBE, Kind.QUERY, Kind.REPLY, Kind.SERVE
+_PASSING: Final = {
+    "publish": ((_PUT, True), (_SUBSCRIBE, False)),
+    "subscribe": ((_SUBSCRIBE, True), (_PUT, False)),
+    "request": ((_QUERY, True), (_SERVE, False)),
+    "reply": ((_SERVE, True), (_QUERY, False), (_REPLY, True)),
+}
+"""By operation what has to pass, away from whoever does it or back. A query runs a service, whoever hears the reply."""
+_TYPE: Final = "/$*::$*/*"
+_ROLES: Final = {"call": ("request", "subscribe"), "execute": ("reply", "publish")}
+
+
+def channels(operation: str, name: str, domain: int) -> tuple[tuple[str, str], ...]:
+    """What an operation on a name of ROS 2 takes: publish, subscribe, request or reply, and the key expression.
+
+    The last two chunks of a key are the type, as `std_msgs::msg::dds_::String_`, and its hash, which the question
+    leaves open (rmw_zenoh_cpp, liveliness_utils.cpp).
+    """
+    if operation not in _ROLES:
+        return ((operation, f"{domain}{name}{_TYPE}"),)
+    service, topic = _ROLES[operation]
+    parts = [(service, each) for each in ACTION_SERVICES] + [(topic, each) for each in ACTION_TOPICS]
+    return tuple((role, f"{domain}{name}{ACTION_PART}{each}{_TYPE}") for role, each in parts)
+
+
+def plain(key: str) -> str:
+    """The key as rules write it, for any type."""
+    return key.replace(_TYPE, "/*/*")
+
+
+class Reached(Struct, frozen=True):
+    """Whether an operation reaches somebody, over which links if it does, else what stands in its way."""
+
+    truth: Truth
+    way: Way = ()
+    location: Location | None = None
+    reason: str = ""
+
+    @property
+    def last(self) -> Process:
+        """Whom it reaches."""
+        return self.way[-1].far
+
+
+class RoutedAnswer(Struct, frozen=True):
+    """What becomes of an operation with the enclave's own file, and without it; of an action, what is least of it."""
+
+    works: Reached
+    could: Reached
+
+    @property
+    def decided(self) -> str:
+        """The first in a word, as `model.question` has it."""
+        return WORDS[self.works.truth]
+
+    @property
+    def accepted(self) -> str:
+        """The second."""
+        return WORDS[self.could.truth]
+
+
+class RoutedAnswers(Struct, frozen=True, kw_only=True):
+    """A question and its answers by release. `keys`: what it is about. `doubts`: why nothing is denied for certain."""
+
+    enclave: str
+    operation: str
+    name: str
+    domain: int
+    at: datetime
+    folder: str
+    keys: tuple[str, ...]
+    answers: Mapping[str, RoutedAnswer]
+    doubts: tuple[tuple[Location, str], ...]
+
+
+def _least(found: Iterable[Reached]) -> Reached:
+    return min(found, key=lambda each: OBSTACLES.index(each.truth))
+
+
+class Rights:
+    """Who may do what in a network."""
+
+    def __init__(self, network: Network) -> None:
+        self._network = network
+        self._links = Links(network)
+
+    @cached_property
+    def doubts(self) -> tuple[tuple[Location, str], ...]:
+        """Why more may be possible than is worked out."""
+        unseen = (
+            (process.at(end.line), "it connects to where no process of the folder listens")
+            for process, end in self._links.unseen
+        )
+        return (*self._network.doubts, *unseen)
+
+    def answer(self, enclave: Enclave, operation: str, name: str, domain: int, release: Release) -> RoutedAnswer:
+        """Whether it works with its own file and some other that accepts it, and whether it would without its own."""
+        asked = channels(operation, name, domain)
+        return RoutedAnswer(
+            _least(self.works(enclave, role, key, release) for role, key in asked),
+            _least(self.could(enclave, role, key, release) for role, key in asked),
+        )
+
+    def _processes(self, enclave: Enclave) -> tuple[Process, ...]:
+        return tuple(each for each in self._network.processes if each.owner is enclave)
+
+    def works(self, enclave: Enclave, operation: str, key: str, release: Release) -> Reached:
+        """Whether one of its processes does it, files as they are."""
+        own = self._processes(enclave)
+        if not own:
+            return Reached(Truth.UNKNOWN, reason="no file names its certificate: what it starts with is not known")
+        started = [each for each in own if each.says.starts]
+        if not started:
+            refusal = own[0].says.refusals[0]
+            return Reached(Truth.NO, (), own[0].at(refusal.line), f"it does not start: {refusal.reason}")
+        found = [self._works(each, operation, key, release) for each in started]
+        return max(found, key=lambda each: OBSTACLES.index(each.truth))
+
+    def _works(self, process: Process, operation: str, key: str, release: Release) -> Reached:
+        messages = _messages(operation, Key(key), Key(key))
+        if operation == "request":
+            messages = (*messages, Message(_REPLY, False, Key(key)))
+        begins, ends = self._links.of(process), _other(process.owner)
+        for certain in (True, False):
+            way = find_way(self._links, begins, messages, ends, release, certain=certain)
+            if way is not None:
+                return _told(Truth.YES if certain else Truth.UNKNOWN, way, way[0], messages, release)
+        if self.doubts:
+            location, why = self.doubts[0]
+            return Reached(Truth.UNKNOWN, (), location, why)
+        if not begins:
+            return Reached(Truth.NO, (), process.at(None), "it has a link to no other process")
+        return _told(Truth.NO, (), _obstacle(begins, messages, release), messages, release)
+
+    def could(self, enclave: Enclave | None, operation: str, key: str, release: Release) -> Reached:
+        """Whether somebody with its key and without its file does it; None: with no key."""
+        begins = self._links.attacks(enclave)
+        for first in self._chosen(key):
+            messages = _messages(operation, first, Key(key))
+            certain = first.meant is not Meant.ANY
+            way = find_way(self._links, begins, messages, _other(enclave), release, certain=certain)
+            if way is not None:
+                return _told(Truth.YES if certain else Truth.UNKNOWN, way, way[-1], messages, release)
+        return Reached(Truth.UNKNOWN if self.doubts else Truth.NO)
+
+    def _chosen(self, key: str) -> Iterator[Key]:
+        """What an attacker's message may be about: the key, what rules name and meets it, and at last whatever meets
+        it: that it passes is then not certain, and if it does not, no message does.
+        """
+        yield Key(key)
+        wide = {EVERYTHING: None}
+        for process in self._network.started:
+            rules = process.says.access.rules if process.says.access is not None else ()
+            wide |= {text: None for rule in rules for text, _line in rule.keys if rule.allow and intersects(text, key)}
+        yield from (Key(text, Meant.ONE) for text in islice(wide, MAX_WIDE))
+        yield Key(key, Meant.ANY)
+
+
+def _told(truth: Truth, way: Way, tie: Tie, messages: Sequence[Message], release: Release) -> Reached:
+    """With the decision on that link: whose file, which line."""
+    process, decision = tie.decisive(messages, release)
+    return Reached(truth, way, process.at(decision.line), decision.reason)
+
+
+def _obstacle(begins: Iterable[Tie], messages: Sequence[Message], release: Release) -> Tie:
+    """The link on which least stands in the way."""
+    return max(begins, key=lambda tie: OBSTACLES.index(tie.crossed(messages, release)))
+
+
+def _messages(operation: str, first: Key, rest: Key) -> tuple[Message, ...]:
+    """What has to pass; `first`: what whoever does it asks for or sends, `rest`: what comes of it."""
+    return tuple(
+        Message(kind, away, first if away and kind is not _REPLY else rest) for kind, away in _PASSING[operation]
+    )
+
+
+def _other(enclave: Enclave | None) -> Callable[[Process], bool]:
+    """Whether nodes of others run in a process."""
+    return lambda process: is_session(process) and (enclave is None or process.owner is not enclave)

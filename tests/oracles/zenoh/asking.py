@@ -1,0 +1,84 @@
+"""Asks real sessions and us about a case."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.profiles import ROUTED, Release
+from keystore_audit.zenoh.access_control import Key, Kind, Meant
+from keystore_audit.zenoh.links import Links, Message, find_way
+from keystore_audit.zenoh.network import read_network
+from tests.oracles.zenoh.cases import Case
+from tests.oracles.zenoh.deployment import NOW, written
+
+SECONDS = 20
+TOGETHER = 6
+"""Processes at a time: they wait more than they work."""
+NEWEST = ROUTED["zenoh-1.7"]
+
+
+def real(case: Case, python: str = sys.executable) -> str:
+    """What happens on real sessions, in a process of their own."""
+    order = sorted(case.sessions, key=lambda name: bool(case.sessions[name]["connect"]["endpoints"]))
+    asked = {
+        "sessions": {name: written(each) for name, each in case.sessions.items()},
+        "order": order,
+        "who": case.who,
+        "whom": case.whom,
+        "does": case.does,
+        "key": case.key,
+        "at": case.at,
+    }
+    script = Path(__file__).with_name("sessions.py")
+    done = subprocess.run(
+        [python, str(script)], input=json.dumps(asked), capture_output=True, text=True, timeout=SECONDS, check=True
+    )
+    return done.stdout.strip().partition(":")[0]
+
+
+def real_answers(cases: Sequence[Case]) -> dict[str, str]:
+    """Those of all cases, several processes at a time."""
+    with ThreadPoolExecutor(TOGETHER) as pool:
+        return dict(zip((case.name for case in cases), pool.map(real, cases), strict=True))
+
+
+_MESSAGES: dict[str, Callable[[Key, Key], tuple[Message, ...]]] = {
+    "put": lambda key, at: (Message(Kind.PUT, True, key), Message(Kind.SUBSCRIBE, False, at)),
+    "delete": lambda key, at: (Message(Kind.DELETE, True, key), Message(Kind.SUBSCRIBE, False, at)),
+    "read": lambda key, at: (Message(Kind.SUBSCRIBE, True, key), Message(Kind.PUT, False, at)),
+    "get": lambda key, at: (Message(Kind.QUERY, True, key), Message(Kind.SERVE, False, at)),
+    "answer": lambda key, at: (
+        Message(Kind.SERVE, True, key), Message(Kind.QUERY, False, at), Message(Kind.REPLY, True, at),
+    ),
+    "token": lambda key, at: (Message(Kind.TOKEN, True, key), Message(Kind.TOKEN_SUBSCRIBE, False, at)),
+}  # fmt: skip
+
+
+def ours(case: Case, keystore: Keystore, folder: Path, release: Release = NEWEST) -> str:
+    """What we say of the files of the case."""
+    for name in case.files:
+        folder.mkdir(exist_ok=True)
+        (folder / f"{name}.json5").write_text(written(case.sessions[name]), "utf-8")
+    network = read_network(folder, keystore, NOW)
+    if any(not each.says.starts for each in network.processes):
+        return "error"
+    links = Links(network)
+    by_name = {Path(each.path).stem: each for each in network.processes}
+    enclaves = {each.path: each for each in keystore.enclaves}
+    own, mode = by_name.get(case.who), case.sessions[case.who]["mode"]
+    attacks = (tie for tie in links.attacks(enclaves.get(f"/{case.as_if}")) if tie.mode.value == mode)
+    begins = links.of(own) if own is not None else [*attacks]
+    key, at = Key(case.key, Meant.ONE), Key(case.at, Meant.ONE)
+    messages = _MESSAGES[case.does](key, at)
+    for certain in (True, False):
+        ends = by_name[case.whom]
+        way = find_way(links, begins, messages, lambda each: each is ends, release, certain=certain)  # noqa: B023
+        if way is not None:
+            return "yes" if certain else "unknown"
+    return "no"

@@ -1,0 +1,287 @@
+"""What was measured on real sessions and routers; the names are those of the project's tables of facts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from msgspec import Struct
+
+from tests.oracles.zenoh.deployment import Configuration, access, allow, deny, session, tls, tool
+
+K = "0/chatter/T/H"
+
+
+class Case(Struct, frozen=True):
+    """`who` does something on `key`, and `whom` is at `at`. `as_if`: whose certificate `who` has if no file counts.
+
+    `sessions`: what really starts. `files`: those of them that restrain; others are an attacker's. `ours`: what we
+    say, where that is not what was measured: unknown.
+    """
+
+    name: str
+    measured: str
+    sessions: Mapping[str, Configuration]
+    files: tuple[str, ...]
+    who: str
+    whom: str
+    does: str = "put"
+    key: str = K
+    at: str = K
+    as_if: str | None = None
+    ours: str | None = None
+
+
+def cases(root: Path, port: int) -> Iterator[Case]:
+    """All of them; `port`: the first of a hundred that are free for each. `root`: the keystore."""
+    for number, make in enumerate((*_links(root), *_names(root), *_routers(), *_tools(), *_meshes(root), *_modes())):
+        yield make(f"127.0.0.1:{port + 3 * number}", f"127.0.0.1:{port + 3 * number + 1}")
+
+
+def _links(root: Path) -> Iterator[Any]:
+    """Who has a link at all: a session connects to a peer that takes everything."""
+
+    def link(
+        name: str, measured: str, who: str | None, listener: Configuration | None = None,
+        own: Configuration | None = None, protocol: str = "tls", fragment: str = "", connecting: str = "", **more: Any,
+    ) -> Any:  # fmt: skip
+        def make(a: str, _b: str) -> Case:
+            end = f"{protocol}/{a}"
+            secured = tls(root, "listener") if listener is None else listener
+            ends = [f"{end}{fragment}", *more.get("besides", ())]
+            theirs = session("peer", listen=ends, **secured, **more.get("limits", {}))
+            there = own if own is not None else tls(root, who)
+            files = ("whom", "who") if more.get("honest") else ("whom",)
+            mine = session(connect=[f"{end}{connecting}"], **there)
+            return Case(name, measured, {"whom": theirs, "who": mine}, files, "who", "whom", as_if=who)
+
+        return make
+
+    yield link("A01", "yes", "random")
+    yield link("A02", "no", None)
+    yield link("A03", "yes", None, tls(root, "listener", enable_mtls=False))
+    yield link("A05", "no", "foreign")
+    for name, measured, who in (
+        ("A07", "no", "expired"), ("A08", "no", "future"), ("A20", "no", "server"), ("A21", "yes", "client"),
+        ("A31", "no", "ca"), ("A32", "yes", "rsa"), ("A34", "yes", "p384"), ("A35", "no", "p521"),
+    ):  # fmt: skip
+        yield link(name, measured, who)
+    checking = tls(root, "random", verify_name_on_connect=True)
+    yield link("A10", "no", "random", own=checking, honest=True)
+    yield link("A11", "yes", "random", tls(root, "named"), checking, honest=True)
+    yield link("A39", "yes", "random", own=checking, honest=True, connecting="#verify_name_on_connect=false")
+    yield link("A16", "no", "random", own=tls(root, "random", root_ca_certificate=None), honest=True)
+    yield link("A17", "error", "random", tls(root, "listener", root_ca_certificate=None))
+    yield link("A22", "error", "random", tls(root, "listener", crl="/crl.pem"))
+    yield link("A25", "yes", None, tls(root, "listener"), {}, protocol="tcp")
+    limited = tls(root, "listener")
+    limited["transport"]["link"]["protocols"] = ["tls"]
+    yield link("A26", "error", None, limited, {}, protocol="tcp")
+    yield link("A38", "yes", None, fragment="#enable_mtls=false")
+
+
+def _names(root: Path) -> Iterator[Any]:
+    """Which subject somebody is: sessions connect to a peer with rules."""
+
+    def named(name: str, measured: str, section: Configuration, who: str | None = "random", **more: Any) -> Any:
+        def make(a: str, _b: str) -> Case:
+            end = f"tls/{a}" if who is not None or more.get("open") else f"tcp/{a}"
+            secured = tls(root, "listener", enable_mtls=not more.get("open")) if end.startswith("tls") else {}
+            mine = session(connect=[end], **(tls(root, who) if end.startswith("tls") else {}), **more.get("own", {}))
+            theirs = session("peer", listen=[end], **secured, **section)
+            rest = {key: more[key] for key in ("key", "at", "does", "ours") if key in more}
+            return Case(name, measured, {"whom": theirs, "who": mine}, ("whom",), "who", "whom", as_if=who, **rest)
+
+        return make
+
+    def one(names: list[str] | None, **more: Any) -> Configuration:
+        return access(({**({} if names is None else {"cert_common_names": names}), **more}, [allow("0/**")]))
+
+    yield named("B01", "yes", one(["/random"]))
+    yield named("B03", "no", one(["/*"]))
+    yield named("B04", "no", one(["/Random"]))
+    yield named("B10", "no", one(["/random"], usernames=["alice"]), ours="unknown")
+    yield named("B11", "yes", one(["/talker", "/random"]))
+    yield named("B12", "yes", one(None, interfaces=["lo"]), ours="unknown")
+    yield named("B14", "yes", one(None, link_protocols=["tls"]))
+    yield named("B15", "no", one(None, link_protocols=["quic"]))
+    denied = ({"cert_common_names": ["/random"]}, [deny(K, "put")])
+    other = ({}, [allow("0/other/**")])
+    yield named("B16", "yes", access(denied, other, default="allow"))
+    yield named("B17", "yes", access(denied, default="allow"), open=True)
+    yield named("B18", "no", access(denied, default="allow"))
+    yield named("B19", "error", one([]))
+    yield named("B20", "error", one([""]))
+    yield named("B21", "yes", one(None, zids=["ab"]), who=None, own={"id": "ab"})
+    yield named("B23", "no", one(["/random "]))
+    yield named("C19", "yes", access(denied, default="allow"), key="**")
+    yield named("C20", "yes", access(denied, ({}, []), default="allow"))
+    yield named("C21", "no", access(denied, default="allow"))
+
+
+def _routers() -> Iterator[Any]:
+    """Rules of a router between two clients without certificates."""
+
+    def routed(name: str, measured: str, section: Configuration, does: str = "put", key: str = K, at: str = K) -> Any:
+        def make(a: str, _b: str) -> Case:
+            router = session("router", listen=[f"tcp/{a}"], **section)
+            there = {"router": router, "whom": session(connect=[f"tcp/{a}"]), "who": session(connect=[f"tcp/{a}"])}
+            return Case(name, measured, there, ("router", "whom"), "who", "whom", does, key, at)
+
+        return make
+
+    def everybody(*rules: Any, default: str = "deny") -> Configuration:
+        return access(({}, rules), default=default)
+
+    tcp = {"link_protocols": ["tcp"]}
+    put, rest = allow(K, "put"), allow("0/**", "declare_subscriber", "query", "reply", "declare_queryable")
+    yield routed("C01", "no", everybody(allow("0/other/**")))
+    yield routed("C02", "yes", everybody(deny("0/other/**"), default="allow"))
+    yield routed("C03", "no", everybody(allow(K, "put", flows=["ingress"]), rest))
+    yield routed("C04", "no", everybody(put, rest, deny(K, "put")))
+    yield routed("C05", "no", everybody(deny(K, "put"), put, rest))
+    yield routed("C07", "no", everybody(deny("0/**", "put"), put, rest))
+    yield routed("C09", "yes", access((tcp, [deny(K, "put")]), ({}, [put, rest])))
+    yield routed("C10", "yes", access((tcp, [deny(K, "put")]), ({}, [allow("0/other/**")]), default="allow"))
+    yield routed("C11", "no", access((tcp, [deny(K, "put")]), (tcp, [put, rest])))
+    yield routed("C12", "yes", everybody(deny(K, "put"), default="allow"), key="0/*/T/H")
+    subscribing = everybody(deny(K, "declare_subscriber", flows=["ingress"]), default="allow")
+    yield routed("C13", "yes", subscribing, "read", "0/**")
+    yield routed("C14", "no", subscribing, "read")
+    yield routed("C15", "no", everybody(allow("0/chatter/**")), "read", "0/**")
+    querying = everybody(deny(K, "query"), default="allow")
+    yield routed("C16", "yes", querying, "get", "0/**")
+    yield routed("C17", "no", querying, "get")
+    yield routed("C18", "no", everybody(deny("0/chatter/**", "put", flows=["egress"]), default="allow"))
+    yield routed("D01", "no", everybody(deny(K, "put"), default="allow"))
+    yield routed("E01", "no", everybody(put, rest), "delete")
+    yield routed("E02", "yes", everybody(deny(K, "put"), default="allow"), "delete")
+    yield routed("E22", "yes", everybody(deny(K, "put", flows=["egress"]), default="allow"), "delete")
+    yield routed("E11", "no", everybody(put, allow("0/**", "query")))
+    yield routed("E20", "yes", everybody(deny(K, "put"), rest), "answer")
+    yield routed("E04", "no", everybody(allow("0/**", "query", "reply")), "answer")
+    token = "@ros2_lv/0/z/0"
+    yield routed("E07", "no", everybody(("allow", [*_TOKENS], None, ["**"])), "token", token, token)
+    yield routed("E13", "yes", everybody(("allow", [*_TOKENS], None, ["@ros2_lv/0/**"])), "token", token, token)
+    yield routed("G21", "yes", access(({}, [deny("0/**")]), enabled=False))
+    yield routed("G24", "yes", access(({}, [deny("0/**")]), default="allow", policies=[]))
+
+
+_TOKENS = ("liveliness_token", "liveliness_query", "declare_liveliness_subscriber")
+
+
+def _tools() -> Iterator[Any]:
+    """Files as zenoh_security_tools makes them, between two peers or through its router."""
+
+    def made(
+        name: str, measured: str, whom: Configuration, who: Configuration | None, does: str = "put", key: str = K,
+        at: str = K, *, router: bool = False,
+    ) -> Any:  # fmt: skip
+        def make(a: str, _b: str) -> Case:
+            listens = {"listen": [f"tcp/{a}"]}
+            there = {"router": session("router", **listens)} if router else {}
+            theirs = session("client", connect=[f"tcp/{a}"], **whom) if router else session("peer", **listens, **whom)
+            mine = session("client" if router else "peer", connect=[f"tcp/{a}"], **(who or {}))
+            files = (*there, "whom", *(("who",) if who is not None else ()))
+            return Case(name, measured, {**there, "whom": theirs, "who": mine}, files, "who", "whom", does, key, at)
+
+        return make
+
+    talker, listener = tool(publish="chatter"), tool(subscribe="chatter")
+    yield made("D09", "yes", listener, talker)
+    yield made("D10", "no", listener, tool(publish="other"))
+    yield made("D11", "yes", listener, None)
+    yield made("D12", "yes", talker, None, "read")
+    yield made("D13", "no", listener, None, key="0/other/T/H", at="0/other/T/H")
+    yield made("D15", "yes", listener, talker, router=True)
+    yield made("D17", "yes", tool(reply="chatter"), None, "get")
+    yield made("D18", "yes", tool(request="chatter"), None, "answer")
+    yield made("D27", "no", listener, None, key="0/**")
+    yield made("D28", "no", talker, None, "read", "**")
+    longer = "0/chatter/secret/T/H"
+    yield made("D30", "yes", tool(subscribe="chatter", tail="/**"), None, key=longer, at=longer)
+    yield made("D31", "no", listener, None, key=longer, at=longer)
+    yield made("D45", "yes", listener, None, router=True)
+    yield made("D46", "no", listener, tool(publish="other"), router=True)
+    yield made("E24", "yes", listener, None, "token", "@ros2_lv/0/z/0", "@ros2_lv/0/z/0")
+
+
+def _meshes(root: Path) -> Iterator[Any]:
+    """Certificates, a router and peers."""
+
+    def meshed(
+        name: str, measured: str, who: str, *, router: Configuration | None = None, whom: Configuration | None = None,
+        mode: str = "client", gossip: bool = False, does: str = "put", key: str = K, honest: bool = False,
+    ) -> Any:  # fmt: skip
+        def make(a: str, b: str) -> Case:
+            shared: dict[str, Any] = {"connect": [f"tls/{a}"], "gossip": gossip}
+            listens = {"listen": [f"tls/{b}"]} if mode == "peer" else {}
+            there = {
+                "router": session(
+                    "router", listen=[f"tls/{a}"], gossip=gossip, **tls(root, "zenohd"), **(router or {})
+                ),
+                "whom": session(mode, **shared, **listens, **tls(root, "listener"), **(whom or {})),
+                "who": session(mode, **shared, **({"listen": ["tls/127.0.0.1:0"]} if mode == "peer" else {}),
+                               **tls(root, who)),
+            }  # fmt: skip
+            files = ("router", "whom", "who") if honest else ("router", "whom")
+            return Case(name, measured, there, files, "who", "whom", does, key, as_if=who)
+
+        return make
+
+    talker, listener = {"cert_common_names": ["/talker"]}, {"cert_common_names": ["/listener"]}
+    sends = [allow(K, "put", flows=["ingress"]), allow(K, "declare_subscriber", flows=["egress"])]
+    takes = [allow(K, "put", flows=["egress"]), allow(K, "declare_subscriber", flows=["ingress"])]
+    star = access((talker, sends), (listener, takes))
+    everything = access(({}, [deny("0/**")]))
+    yield meshed("D04", "no", "random", router=everything, honest=True)
+    yield meshed("D02", "yes", "random", router=everything, mode="peer", gossip=True, honest=True)
+    yield meshed("D05", "no", "random", mode="peer", honest=True)
+    yield meshed("D35", "no", "random", router=star)
+    yield meshed("D36", "yes", "talker", router=star)
+    yield meshed("D39", "yes", "random", router=star, mode="peer", gossip=True)
+    yield meshed("D21", "no", "talker", whom=access((talker, [allow("0/**")])))
+    through = access(({"cert_common_names": ["/zenohd"]}, [allow("0/**")]))
+    yield meshed("D22", "yes", "random", whom=through)
+    yield meshed("D42", "no", "random", whom=access((talker, [allow("0/**")])), mode="peer", gossip=True)
+    yield meshed("D43", "yes", "talker", whom=access((talker, [allow("0/**")])), mode="peer", gossip=True)
+
+
+def _modes() -> Iterator[Any]:
+    """Who passes on: three sessions in a row, the second of which listens; and what a receiver has to say."""
+    for first, second, third, measured in (
+        ("client", "peer", "peer", "yes"), ("client", "peer", "client", "yes"), ("peer", "peer", "peer", "no"),
+        ("peer", "peer", "client", "yes"), ("client", "router", "peer", "yes"), ("peer", "router", "client", "yes"),
+        ("peer", "router", "peer", "no"), ("router", "router", "peer", "yes"), ("router", "peer", "peer", "no"),
+    ):  # fmt: skip
+
+        def make(a: str, _b: str, modes: tuple[str, str, str] = (first, second, third), said: str = measured) -> Case:
+            ends = [{} if mode == "client" else {"listen": ["tcp/127.0.0.1:0"]} for mode in modes]
+            there = {
+                "between": session(modes[1], listen=[f"tcp/{a}"]),
+                "whom": session(modes[2], connect=[f"tcp/{a}"], **ends[2]),
+                "who": session(modes[0], connect=[f"tcp/{a}"], **ends[0]),
+            }
+            return Case(f"P-{'-'.join(modes)}", said, there, tuple(there), "who", "whom")
+
+        yield make
+    for mode, measured in (("client", "yes"), ("peer", "no")):
+
+        def silent(a: str, _b: str, mode: str = mode, said: str = measured) -> Case:
+            section = access(({}, [deny(K, "declare_subscriber", flows=["egress"])]), default="allow")
+            theirs = session("peer", listen=[f"tcp/{a}"], **section)
+            mine = session(mode, connect=[f"tcp/{a}"])
+            return Case(f"S-{mode}", said, {"whom": theirs, "who": mine}, ("whom", "who"), "who", "whom")
+
+        yield silent
+    for mode, measured in (("client", "no"), ("peer", "no"), ("router", "yes")):
+
+        def listening(a: str, _b: str, mode: str = mode, said: str = measured) -> Case:
+            """A peer hears of no reader: it sends to a router all the same."""
+            theirs = session("peer", listen=[f"tcp/{a}"], **access(({}, [allow(K, "put", flows=["egress"])])))
+            ends = {} if mode == "client" else {"listen": ["tcp/127.0.0.1:0"]}
+            mine = session(mode, connect=[f"tcp/{a}"], **ends)
+            return Case(f"R-{mode}", said, {"whom": theirs, "who": mine}, ("whom",), "who", "whom", "read")
+
+        yield listening

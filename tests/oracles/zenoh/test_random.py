@@ -1,0 +1,78 @@
+"""Small deployments by chance, asked of real sessions and of us: what we are certain of is what happens."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+
+from keystore_audit.keystore.keystore import read_keystore
+from tests.amount import tried
+from tests.oracles.zenoh import deployment
+from tests.oracles.zenoh.asking import ours, real_answers
+from tests.oracles.zenoh.cases import Case, K
+from tests.oracles.zenoh.deployment import Configuration, access, allow, deny, session, tls
+
+FIRST_PORT = 23000
+KEYS = (K, "0/**", "0/chatter/**", "0/*/T/H", "**", "0/other/**", "0/ch$*r/T/H")
+WIDE = (K, K, K, "0/**", "0/*/T/H")
+NAMES = ("talker", "listener", "random", "p384")
+
+
+def deployed(chance: Random, root: Path, number: int) -> Case:
+    """One or two routers, two to four sessions, rules here and there, and something that one of them does."""
+    port, secured, gossip = FIRST_PORT + 8 * number, chance.random() < 0.5, chance.random() < 0.5
+    protocol = "tls" if secured else "tcp"
+    ends = [f"{protocol}/127.0.0.1:{port + each}" for each in range(8)]
+    there: dict[str, Configuration] = {}
+    for each in range(chance.choice((1, 1, 2))):
+        more = {"connect": [ends[0]]} if each else {}
+        there[f"router{each}"] = session(
+            "router", listen=[ends[each]], gossip=gossip, **more, **_of(root, secured, "zenohd")
+        )
+    routers = [*there]
+    for each in range(chance.choice((2, 3, 4))):
+        mode = chance.choice(("peer", "client"))
+        shared: dict[str, Any] = {"connect": [ends[chance.randrange(len(routers))]], "gossip": gossip}
+        listens = {"listen": [ends[4 + each]]} if mode == "peer" else {}
+        there[f"session{each}"] = session(mode, **shared, **listens, **_of(root, secured, NAMES[each]))
+    for name in there:
+        if chance.random() < 0.5:
+            there[name] |= _rules(chance, secured)
+    who, whom = chance.sample([name for name in there if name not in routers], 2)
+    does = chance.choice(("put", "put", "delete", "read", "get", "answer"))
+    return Case(f"{number}", "", there, tuple(there), who, whom, does, chance.choice(WIDE))
+
+
+def _of(root: Path, secured: bool, name: str) -> Configuration:
+    return tls(root, name) if secured else {}
+
+
+def _rules(chance: Random, secured: bool) -> Configuration:
+    given = []
+    for _ in range(chance.choice((1, 1, 2, 3))):
+        properties: dict[str, Any] = {}
+        if secured and chance.random() < 0.5:
+            properties["cert_common_names"] = [f"/{each}" for each in chance.sample((*NAMES, "zenohd"), 2)]
+        if chance.random() < 0.2:
+            properties["link_protocols"] = [chance.choice(("tcp", "tls"))]
+        rules = []
+        for _ in range(chance.choice((1, 2, 3))):
+            messages = deployment.ALL if chance.random() < 0.5 else chance.sample(deployment.ALL, 2)
+            flows = chance.choice((None, None, ["ingress"], ["egress"]))
+            rules.append(chance.choice((allow, allow, deny))(chance.choice(KEYS), *messages, flows=flows))
+        given.append((properties, rules))
+    return access(*given, default=chance.choice(("allow", "deny")))
+
+
+@pytest.mark.slow
+def test_what_we_are_certain_of_happens(tmp_path: Path) -> None:
+    root = deployment.keystore(tmp_path / "keystore")
+    cases = [deployed(Random(seed), root, seed) for seed in range(tried(60))]
+    answers, keystore = real_answers(cases), read_keystore(root)
+    said = {case.name: ours(case, keystore, tmp_path / case.name) for case in cases}
+    wrong = {name: (said[name], answer) for name, answer in answers.items() if said[name] not in (answer, "unknown")}
+    assert wrong == {}
+    assert sum(each == "unknown" for each in said.values()) * 10 <= len(cases)

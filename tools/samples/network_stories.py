@@ -1,0 +1,309 @@
+"""Pairs for KA8: a keystore, and the files that its sessions and routers start with (`sample_keystores/networks/`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from msgspec.structs import replace
+
+from .base import IDENTITY_CA, LISTENER, LISTENER_CERTIFICATE, TALKER, TALKER_CERTIFICATE, TWO
+from .certificates import Certificate
+from .documents import DISCOVERY, Grant, Permissions, Rule
+from .identity_stories import STOLEN, revocation_list
+from .keys import Key
+from .store import Enclave, Store
+from .story import Case, Story, pair
+
+Configuration = dict[str, Any]
+Network = Mapping[str, Configuration]
+
+HOST = "localhost"
+"""For which the certificates are: without a name nobody can check whom he reached (KA811)."""
+
+KEYSTORE = "/etc/keystore"
+"""Where it is on the robot."""
+
+
+def _third(path: str, *rules: Rule) -> Enclave:
+    own = Certificate(key=Key(label=f"rules {path}"), subject=path, issuer=IDENTITY_CA, host=HOST)
+    grant = Grant(path=path, rules=(*rules, DISCOVERY))
+    return Enclave(path=path, certificate=own, permissions=Permissions(grants=(grant,)))
+
+
+PAIR = replace(
+    TWO,
+    enclaves=(
+        replace(TALKER, certificate=replace(TALKER_CERTIFICATE, host=HOST)),
+        replace(LISTENER, certificate=replace(LISTENER_CERTIFICATE, host=HOST)),
+    ),
+)
+"""/talker and /listener, whose certificates name the host."""
+
+WITH_RANDOM = replace(PAIR, enclaves=(*PAIR.enclaves, _third("/random", Rule(publish=("rt/random",)))))
+WITH_ROUTER = replace(PAIR, enclaves=(*PAIR.enclaves, _third("/zenohd", Rule(publish=("rt/zenohd",)))))
+
+CHATTER = "0/chatter/*/*"
+OPENS = "tls/localhost:7449"
+
+
+def tls(name: str, **changed: Any) -> Configuration:
+    """The section of an enclave."""
+    folder = f"{KEYSTORE}/enclaves/{name}"
+    files = {
+        f"{side}_{what}": f"{folder}/{file}.pem"
+        for side in ("connect", "listen")
+        for what, file in (("certificate", "cert"), ("private_key", "key"))
+    }
+    root = f"{folder}/identity_ca.cert.pem"
+    section = {"enable_mtls": True, "close_link_on_expiration": True, "root_ca_certificate": root, **files, **changed}
+    return {"link": {"protocols": ["tls"], "tls": section}}
+
+
+def rule(name: str, messages: Sequence[str], flow: str, key: str = CHATTER, permission: str = "allow") -> Configuration:
+    """A rule about one flow."""
+    return {"id": name, "permission": permission, "messages": [*messages], "flows": [flow], "key_exprs": [key]}
+
+
+def access(subject: Configuration, *rules: Configuration, default: str = "deny") -> Configuration:
+    """Access control with one subject."""
+    return {
+        "enabled": True,
+        "default_permission": default,
+        "rules": [*rules],
+        "subjects": [{"id": "others", **subject}],
+        "policies": [{"rules": [each["id"] for each in rules], "subjects": ["others"]}],
+    }
+
+
+SENDS = (rule("publications", ["put"], "egress"), rule("subscriptions", ["declare_subscriber"], "ingress"))
+TAKES = (rule("publications", ["put"], "ingress"), rule("subscriptions", ["declare_subscriber"], "egress"))
+
+
+def named(*names: str) -> Configuration:
+    """A subject: the enclaves of these names."""
+    return {"cert_common_names": [*names]}
+
+
+def session(name: str, **changed: Any) -> Configuration:
+    """A peer that listens nowhere, linked with whoever it connects to."""
+    made: Configuration = {
+        "mode": "peer",
+        "listen": {"endpoints": []},
+        "connect": {"endpoints": []},
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": tls(name),
+    }
+    return made | changed
+
+
+def talker(**changed: Any) -> Configuration:
+    """It listens, and sends to /listener."""
+    return session(
+        "talker", **{"listen": {"endpoints": [OPENS]}, "access_control": access(named("/listener"), *SENDS), **changed}
+    )
+
+
+def listener(**changed: Any) -> Configuration:
+    """It connects to /talker, and takes from it."""
+    return session(
+        "listener", **{"connect": {"endpoints": [OPENS]}, "access_control": access(named("/talker"), *TAKES), **changed}
+    )
+
+
+GOOD: Network = {"talker": talker(), "listener": listener()}
+"""Two peers that know each other by name: nobody else gets or sends anything."""
+
+
+def stories() -> Iterator[Story]:
+    """All pairs of KA8."""
+    both = "Two peers with TLS on both sides and rules by the names of certificates, both ways."
+    for code, text, bad in (
+        (
+            "KA801",
+            "/talker asks no certificate of whoever connects.",
+            {"talker": talker(transport=tls("talker", enable_mtls=False))},
+        ),
+        (
+            "KA802",
+            "/talker listens without TLS as well.",
+            {"talker": talker(listen={"endpoints": [OPENS, "tcp/[::]:7447"]}, transport=_any("talker"))},
+        ),
+        (
+            "KA803",
+            "/talker has a multicast endpoint, on which no rule counts.",
+            {"talker": talker(listen={"endpoints": [OPENS, "udp/224.0.0.224:7446"]}, transport=_any("talker"))},
+        ),
+        (
+            "KA804",
+            "/listener has no access control.",
+            {"listener": session("listener", connect={"endpoints": [OPENS]})},
+        ),
+        (
+            "KA805",
+            "/listener allows what no rule is about.",
+            {"listener": listener(access_control=access(named("/talker"), *TAKES, default="allow"))},
+        ),
+        (
+            "KA807",
+            "/listener takes /chatter from anybody, as files of zenoh_security_tools do.",
+            {"listener": listener(access_control=access({}, *TAKES))},
+        ),
+        (
+            "KA811",
+            "/listener does not check whom it connects to.",
+            {"listener": listener(transport=tls("listener", verify_name_on_connect=False))},
+        ),
+        (
+            "KA813",
+            "Links of /talker outlive the certificates of those who have them.",
+            {"talker": talker(transport=tls("talker", close_link_on_expiration=False))},
+        ),
+        (
+            "KA815",
+            "/talker trusts the CA of the permissions to make identities.",
+            {
+                "talker": talker(
+                    transport=tls("talker", root_ca_certificate=f"{KEYSTORE}/public/permissions_ca.cert.pem")
+                )
+            },
+        ),
+        (
+            "KA818",
+            "/listener takes /chatter from /talkr, whom there is not.",
+            {"listener": listener(access_control=access(named("/talker", "/talkr"), *TAKES))},
+        ),
+        (
+            "KA816",
+            "/talker names the key of /listener beside its own certificate.",
+            {"talker": talker(transport=tls("talker", listen_private_key=f"{KEYSTORE}/enclaves/listener/key.pem"))},
+        ),
+        (
+            "KA817",
+            "/talker names a certificate that is not in the keystore.",
+            {"talker": talker(transport=tls("talker", connect_certificate=f"{KEYSTORE}/enclaves/talkr/cert.pem"))},
+        ),
+        (
+            "KA820",
+            "A rule of /listener has an expression that is none: it does not start.",
+            {
+                "listener": listener(
+                    access_control=access(named("/talker"), rule("publications", ["put"], "ingress", "0/chat*/**"))
+                )
+            },
+        ),
+        ("KA825", "A password stands in the file of /talker.", {"talker": talker(metadata={"password": "swordfish"})}),
+    ):
+        yield from _pair(code, Case(text, PAIR), {**GOOD, **bad}, both, GOOD)
+    denying = (*TAKES, rule("nothing_else", ["put"], "ingress", "0/secret/*/*", "deny"))
+    yield from _pair(
+        "KA806",
+        Case("/listener denies /secret and allows all else: a put on ** is neither.", PAIR),
+        {**GOOD, "listener": listener(access_control=access(named("/talker"), *denying, default="allow"))},
+        "The same rules, and what they are not about is denied.",
+        {**GOOD, "listener": listener(access_control=access(named("/talker"), *denying))},
+    )
+    unnamed = access(named("/talker"), *TAKES)
+    unnamed["rules"].append(rule("forgotten", ["put"], "egress"))
+    forgotten = {**GOOD, "listener": listener(access_control=unnamed)}
+    yield from _pair("KA821", Case("No policy names a rule of /listener.", PAIR), forgotten, both, GOOD)
+    yield from _pair("KA824", Case("There is no file of /listener.", PAIR), {"talker": talker()}, both, GOOD)
+    yield from _restrained()
+    yield from _routed()
+    yaml = {"extra.yaml": b"mode: peer\n"}
+    yield from _pair("KA826", Case("One file is YAML, which is not read.", PAIR), GOOD, both, GOOD, more=yaml)
+    overridden = "A variable replaces values of every file: access_control/enabled=false."
+    yield from _in_one_folder(
+        "KA827",
+        Case(overridden, PAIR, ("--env", "environments/overridden.env")),
+        Case(both, PAIR, ("--env", "environments/right.env")),
+    )
+    stolen = "/talker has a list of a stolen identity, which every link takes all the same."
+    yield from _in_one_folder("KA814", Case(stolen, _with_list(STOLEN)), Case("The list is empty.", _with_list()))
+
+
+def _any(name: str) -> Configuration:
+    """The section where other protocols are allowed, too."""
+    made = tls(name)
+    del made["link"]["protocols"]
+    return made
+
+
+def _with_list(*revoked: Certificate) -> Store:
+    """The talker has a revocation list."""
+    talking, listening = PAIR.enclaves
+    return replace(PAIR, enclaves=(replace(talking, changes={"crl.pem": revocation_list(*revoked)}), listening))
+
+
+def _restrained() -> Iterator[Story]:
+    """/random may publish nothing by its own file."""
+    own = rule("publications", ["put"], "egress", "0/random/*/*")
+    random = session("random", connect={"endpoints": [OPENS]}, access_control=access(named("/talker"), own))
+    listens = {"listen": {"endpoints": ["tls/localhost:7450"]}, "connect": {"endpoints": [OPENS]}}
+    yield from _pair(
+        "KA808",
+        Case("/random may not publish /chatter by its file; it starts without, and /listener takes it.", WITH_RANDOM),
+        {**GOOD, "random": random, "listener": listener(**listens, access_control=access({}, *TAKES))},
+        "The same files, and /listener takes /chatter from /talker alone.",
+        {**GOOD, "random": random, "listener": listener(**listens)},
+    )
+
+
+def _routed() -> Iterator[Story]:
+    """A router with rules by name: its clients cannot go round it, peers do."""
+    rules = (rule("publications", ["put"], "ingress"), rule("subscriptions", ["declare_subscriber"], "ingress"))
+    section = access(named("/talker", "/listener"), *rules)
+    listens, joined = ({each: {"endpoints": ["tls/localhost:7447"]}} for each in ("listen", "connect"))
+    gossip = {"scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}}}
+    router = session("zenohd", mode="router", access_control=section, **listens, **gossip)
+    client: Configuration = {"mode": "client", **joined}
+    yield from _pair(
+        "KA809",
+        Case("The sessions are peers that hear of each other, and send past the router's rules.", WITH_ROUTER),
+        {
+            "zenohd": router,
+            "talker": talker(listen={"endpoints": ["tls/localhost:0"]}, **joined, **gossip),
+            "listener": listener(listen={"endpoints": ["tls/localhost:0"]}, **joined, **gossip),
+        },
+        "The sessions are clients of the router, and have no other link.",
+        {
+            "zenohd": router,
+            "talker": talker(listen={"endpoints": []}, **client),
+            "listener": listener(**client),
+        },
+    )
+
+
+def _in_one_folder(code: str, *sides: Case) -> Iterator[Story]:
+    """Bad and good, with the same files, that differ elsewhere."""
+    folder = f"networks/{code}"
+    files = {f"{folder}/{name}.json5": written(each) for name, each in GOOD.items()}
+    bad, good = (each._replace(options=("--zenoh", folder, *each.options), beside=files) for each in sides)
+    yield from pair(code, bad=bad, good=good)
+
+
+def _pair(
+    code: str, bad: Case, network: Network, right: str, better: Network, more: Mapping[str, bytes] | None = None
+) -> Iterator[Story]:
+    """`bad`: what to say of it, and the keystore of both."""
+    store = bad.keystore
+    assert isinstance(store, Store)
+    wrong = _case(code, "bad", bad.text, store, network)
+    named_too = {f"networks/{code}/bad/{name}": content for name, content in (more or {}).items()}
+    return pair(
+        code,
+        bad=wrong._replace(beside={**wrong.beside, **named_too}),
+        good=_case(code, "good", right, store, better),
+    )
+
+
+def _case(code: str, side: str, text: str, store: Store, network: Network) -> Case:
+    folder = f"networks/{code}/{side}"
+    files = {f"{folder}/{name}.json5": written(each) for name, each in network.items()}
+    return Case(text, store, ("--zenoh", folder), files)
+
+
+def written(configuration: Configuration) -> bytes:
+    """A file as people write it: JSON with lines."""
+    return f"{json.dumps(configuration, indent=2)}\n".encode()
