@@ -16,11 +16,11 @@ fun handed[sending, receiving: TrustDomain, usable: set Channel, forgers, eavesd
 		+ exposes[forgers, sending].(usable <: ~(intercepts[eavesdroppers, sending]))
 }
 
-/** The same from all trust domains to all. */
+/** The same from all trust domains to all; what somebody hands itself is no hop. */
 fun hops[usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider]: (Enclave + Outsider) -> (Enclave
 	+ Outsider) {
 	{ from, to: Enclave + Outsider | some sending, receiving: TrustDomain |
-		from->to in handed[sending, receiving, usable, forgers, eavesdroppers] }
+		from->to in handed[sending, receiving, usable, forgers, eavesdroppers] } - iden
 }
 
 /**
@@ -30,8 +30,8 @@ fun hops[usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider]: (
 pred flows_over[hop: (Enclave + Outsider) -> (Enclave + Outsider), source: set Enclave + Outsider, first: set Channel,
                 target: set Enclave + Outsider, last: set Channel, through: set Enclave, usable: set Channel,
                 forgers, eavesdroppers: set Enclave + Outsider] {
-	let next = hop - iden, got = { each: Enclave + Outsider | gets[each, first, eavesdroppers] },
-		come = (source + (got - through)).next.*((Enclave + Outsider - through) <: next) |
+	let got = { each: Enclave + Outsider | gets[each, first, eavesdroppers] },
+		come = (source + (got - through)).hop.*((Enclave + Outsider - through) <: hop) |
 		some (got + come) & target
 		or some each: source + (got + come - through) | puts[each, last, forgers, eavesdroppers]
 }

@@ -81,7 +81,7 @@ def _flow(system: System, asked: str) -> str:
     named = [each.name for each in name_atoms(system)["trust_domains"].atoms]
     powers = ", ".join(asked.split(", ")[-3:])
     hops = "\n\t\t+ ".join(f"handed[{one}, {other}, {powers}]" for one, other in product(named, repeat=2))
-    return f"let hop = {hops} |\n\t\tflows_over[hop, {asked}]"
+    return f"let hop = ({hops}) - iden |\n\t\tflows_over[hop, {asked}]"
 
 
 def _job(choice: Choice) -> Job:

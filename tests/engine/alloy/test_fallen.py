@@ -69,7 +69,7 @@ MUTANTS = {
     "nobody compromised sends": ("imposes[forgers, receiving].(usable", "imposes[none, receiving].(usable"),
     "nobody compromised listens": ("~(intercepts[eavesdroppers, sending])", "~(intercepts[Outsider, sending])"),
     "what is written by right stays": ("sends[sending, receiving].(usable", "none -> none.(usable"),
-    "everybody passes on": ("(Enclave + Outsider - through) <: next", "next"),
+    "everybody passes on": ("(Enclave + Outsider - through) <: hop", "hop"),
     "who gets what it begins with is none": ("(source + (got - through))", "source"),
     "it never ends at a topic": ("or some each: source", "and some each: source"),
 }
