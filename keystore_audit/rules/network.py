@@ -87,6 +87,27 @@ def multicast_link(process: Process) -> Iterator[Violation]:
 
 
 @rule(
+    "KA810",
+    Severity.HIGH,
+    facts.ROUTED_LINKS,
+    outside('Set transport/link/protocols to ["tls"], and scouting/multicast/enabled to false.'),
+)
+def plain_link_to_whom_announces(process: Process) -> Iterator[Violation]:
+    """A peer with TLS connects without TLS to whoever announces a plain address to it (measured).
+
+    Peers connect to all that they hear of: by gossip, to whoever has a link to the router; by multicast, to anybody on
+    the network, critical. Over such a link nobody has an identity. Which protocols may be used at all is said apart.
+    """
+    says = process.says
+    if says.starts and says.seeks and says.plain and any(end.protocol in SECURED for end in _ends(process)):
+        who = "anybody on the network" if says.multicast else "any enclave"
+        message = f"{process.name} connects without TLS to {who} that announces an address so."
+        scouting = says.find("scouting")
+        severity = Severity.CRITICAL if says.multicast else None
+        yield found(process, message, scouting.line if scouting is not None else None, severity=severity)
+
+
+@rule(
     "KA811",
     Severity.HIGH,
     facts.ROUTED_TLS,

@@ -42,7 +42,8 @@ def no_access_control(process: Process) -> Iterator[Violation]:
     `enabled` left out is false, whatever else the section says (measured). A router without any passes on whatever
     comes, and whoever is behind it sees the router alone.
     """
-    if process.says.starts and process.says.access is None and process.says.whole is not None:
+    says = process.says
+    if says.starts and says.access is None and says.whole is not None and not says.undecided:
         section = process.says.find("access_control")
         what = "is not enabled" if section is not None else "is missing"
         line = section.line if section is not None else None

@@ -98,13 +98,22 @@ class Configuration(Struct, frozen=True, kw_only=True):
     gossip: bool = True
     multicast: bool = True
     brokering: bool = False
+    plain: bool = True
+    """Whether links without TLS may come about: transport/link/protocols leaves some."""
     access: AccessControl | None = None
     """None: whoever has a link may do anything."""
+    undecided: bool = False
+    """Whether what its access control says is not known."""
     secrets: tuple[int, ...] = ()
     """Lines with a password or a private key."""
     refusals: tuple[Refusal, ...] = ()
     unclear: tuple[tuple[int | None, str], ...] = ()
     """What cannot be told: line and reason."""
+
+    @property
+    def seeks(self) -> bool:
+        """Whether it connects to whoever is announced to it: peers do, by gossip and by multicast."""
+        return self.mode is Mode.PEER and (self.multicast or (self.gossip and bool(self.connects)))
 
     @property
     def starts(self) -> bool:
@@ -152,7 +161,7 @@ def read_configuration(text: str) -> Configuration:
     except Malformed as error:
         return Configuration(refusals=(Refusal(line=error.line, reason=error.detail),))
     except Unclear as error:
-        return Configuration(unclear=((None, f"{error}"),))
+        return Configuration(undecided=True, unclear=((None, f"{error}"),))
     refusals = tuple(_refused(whole, ""))
     secrets = tuple(dict.fromkeys(_secrets(whole, "")))
     if refusals and any(not each.releases for each in refusals):
@@ -224,13 +233,14 @@ def _meant(whole: Value, refusals: tuple[Refusal, ...], secrets: tuple[int, ...]
     refused = [*refusals]
     said = find(whole, "mode")
     mode = Mode(said.content) if said is not None else Mode.PEER
-    access = None
+    access, undecided = None, False
     try:
         access = read_access_control(find(whole, "access_control"))
     except Malformed as error:
         refused.append(Refusal(line=error.line, reason=error.detail))
     except Unclear as error:
         unclear.append((None, f"{error}"))
+        undecided = True
     refused += [
         Refusal(line=value.line, reason=f"{shown(f'{value.content}')} is no key expression: {wrong}")
         for each in items(find(whole, "access_control", "rules"))
@@ -244,14 +254,13 @@ def _meant(whole: Value, refusals: tuple[Refusal, ...], secrets: tuple[int, ...]
     ]
     listens = _endpoints(whole, "listen", mode, refused, unclear)
     connects = _endpoints(whole, "connect", mode, refused, unclear)
-    protocols = find(whole, "transport", "link", "protocols")
-    if protocols is not None and isinstance(protocols.content, tuple):
-        allowed = [each.content for each in protocols.content]
-        refused += [
-            Refusal(line=each.line, reason=f"the endpoint {shown(each.text)} is of no protocol of transport/link")
-            for each in (*listens, *connects)
-            if each.protocol not in allowed
-        ]
+    limited = find(whole, "transport", "link", "protocols")
+    protocols = {each.content for each in items(limited)} if limited is not None else None
+    refused += [
+        Refusal(line=each.line, reason=f"the endpoint {shown(each.text)} is of no protocol of transport/link")
+        for each in (*listens, *connects)
+        if protocols is not None and each.protocol not in protocols
+    ]
     made = Configuration(
         whole=whole,
         mode=mode,
@@ -260,7 +269,9 @@ def _meant(whole: Value, refusals: tuple[Refusal, ...], secrets: tuple[int, ...]
         gossip=_flag(find(whole, "scouting", "gossip", "enabled"), default=True),
         multicast=_flag(find(whole, "scouting", "multicast", "enabled"), default=True),
         brokering=_flag(find(whole, "routing", "router", "peers_failover_brokering"), default=False),
+        plain=protocols is None or not protocols <= {*SECURED},
         access=access,
+        undecided=undecided,
         secrets=secrets,
         refusals=tuple(refused),
         unclear=tuple(unclear),

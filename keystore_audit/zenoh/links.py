@@ -80,6 +80,11 @@ class Tie(Struct, frozen=True, kw_only=True):
 @lru_cache(maxsize=65536)
 def _decided(process: Process, remote: Remote, kind: Kind, flow: Flow, key: Key, release: Release) -> Decision:
     """What a process lets through: asked once, on however many ways."""
+    if process.says.undecided:
+        return Decision(Truth.UNKNOWN, None, "what its access control says is not known")
+    for refusal in process.says.refusals:
+        if not {*release.asked}.isdisjoint(refusal.releases):
+            return Decision(Truth.UNKNOWN, refusal.line, f"some releases refuse the file: {refusal.reason}")
     return decide(process.says.access, remote, kind, flow, key, release)
 
 
@@ -127,10 +132,23 @@ class Links:
                 known, sure = name, self._network.trusts(process, end, certificate, CONNECTING)
             seen = Remote(known, end.protocol, free=end.multicast, chosen=True)
             yield from (Tie(near=None, mode=mode, far=process, seen=seen, sees=seen, sure=sure) for mode in Mode)
-        secured = [each for each in process.says.connects if each.protocol in SECURED]
-        if process.says.mode is Mode.PEER and process.says.gossip and not process.says.listens and secured:
-            seen = Remote(name, secured[0].protocol, chosen=True)  # it connects to whoever is announced to it
-            yield Tie(near=None, mode=Mode.PEER, far=process, seen=seen, sees=seen, sure=Truth.UNKNOWN)
+        yield from self._sought(process, certificate)
+
+    def _sought(self, process: Process, certificate: Certificate | None) -> Iterator[Tie]:
+        """The links that a process makes itself, to whoever announces an address: by multicast anybody, by gossip who
+        has a link to one that passes it on (measured).
+        """
+        says = process.says
+        if not says.seeks or (certificate is None and not says.multicast):
+            return
+        told = Truth.YES if says.multicast or len(self._around[id(process)]) > 1 else Truth.UNKNOWN
+        ways = [Remote(None, "tcp", chosen=True)] if says.plain else []
+        if certificate is not None and any(each.protocol in SECURED for each in (*says.listens, *says.connects)):
+            ways.append(Remote(common_name(certificate), "tls", chosen=True))
+        for seen in ways:
+            for mode in (Mode.PEER, Mode.ROUTER):
+                sure = told if seen.name is None else Truth.UNKNOWN
+                yield Tie(near=None, mode=mode, far=process, seen=seen, sees=seen, sure=sure)
 
     @cached_property
     def _ties(self) -> dict[int, tuple[Tie, ...]]:

@@ -149,6 +149,16 @@ def test_releases_before_one_six_ask_one_subject_of_several(keystore_audit: Run,
     }
 
 
+def test_a_field_that_a_release_may_refuse(keystore_audit: Run, keys: Path, network: Network) -> None:
+    """`zids` is refused by 1.4.0 and taken by 1.5.1, which are one profile."""
+    section = access(({"zids": ["ab"]}, [allow("0/**")]))
+    folder = network(talker=peer("talker", **tool("chatter")), listener=peer("listener", **section))
+    for profile, effective in (("zenoh-1.4", "unknown"), ("zenoh-1.6", "allow")):
+        words = ("/random", "publish", "/chatter", "--profile", profile)
+        _code, document = asked(keystore_audit, keys, folder, *words)
+        assert document["decisions"][profile]["effective"] == effective
+
+
 UNCLEAR: dict[str, dict[str, Any]] = {
     "yaml": {"more_yaml": "mode: peer"},
     "plugin": {"more": {**session(), "plugins": {"rest": {"http_port": 8000}}}},

@@ -209,6 +209,14 @@ def stories() -> Iterator[Story]:
     forgotten = {**GOOD, "listener": listener(access_control=unnamed)}
     yield from _pair("KA821", Case("No policy names a rule of /listener.", PAIR), forgotten, both, GOOD)
     yield from _pair("KA824", Case("There is no file of /listener.", PAIR), {"talker": talker()}, both, GOOD)
+    scouted = {"scouting": {"multicast": {"enabled": True}}}
+    yield from _pair(
+        "KA810",
+        Case("/talker connects by any protocol to whoever is announced to it, to anybody on the network.", PAIR),
+        {**GOOD, "talker": talker(**scouted, transport=_any("talker"))},
+        "It connects to whoever is announced to it, with TLS alone.",
+        {**GOOD, "talker": talker(**scouted)},
+    )
     yield from _restrained()
     yield from _routed()
     yaml = {"extra.yaml": b"mode: peer\n"}

@@ -35,7 +35,9 @@ class Case(Struct, frozen=True):
 
 def cases(root: Path, port: int) -> Iterator[Case]:
     """All of them; `port`: the first of a hundred that are free for each. `root`: the keystore."""
-    for number, make in enumerate((*_links(root), *_names(root), *_routers(), *_tools(), *_meshes(root), *_modes())):
+    for number, make in enumerate(
+        (*_links(root), *_names(root), *_routers(), *_tools(), *_meshes(root), *_modes(), *_announced(root))
+    ):
         yield make(f"127.0.0.1:{port + 3 * number}", f"127.0.0.1:{port + 3 * number + 1}")
 
 
@@ -285,3 +287,34 @@ def _modes() -> Iterator[Any]:
             return Case(f"R-{mode}", said, {"whom": theirs, "who": mine}, ("whom",), "who", "whom", "read")
 
         yield listening
+
+
+def _announced(root: Path) -> Iterator[Any]:
+    """A peer with TLS hears of a plain address: by gossip of the router, or by multicast of anybody."""
+    anybody = access(({"link_protocols": ["tcp"]}, [allow("0/**")]))
+    for name, limited, scouted, measured in (
+        ("N1", False, False, "yes"),
+        ("N2", True, False, "no"),
+        ("N3", False, True, "yes"),
+        ("N4", True, True, "no"),
+    ):
+
+        def make(
+            a: str, b: str, name: str = name, limited: bool = limited, scouted: bool = scouted, said: str = measured
+        ) -> Case:
+            secured = tls(root, "listener")
+            secured["transport"]["link"] |= {"protocols": ["tls"]} if limited else {}
+            scouting = {"scouting": {"multicast": {"enabled": scouted}, "gossip": {"enabled": True}}}
+            ends = {} if scouted else {"connect": [f"tls/{a}"]}
+            theirs = session("peer", listen=["tls/127.0.0.1:0"], **ends, **secured, **anybody)
+            mine = session("peer", listen=[f"tcp/{b}"], **ends, **({} if scouted else tls(root, "random")))
+            there = {"whom": theirs | scouting, "who": mine | scouting}
+            there |= (
+                {}
+                if scouted
+                else {"router": session("router", listen=[f"tls/{a}"], gossip=True, **tls(root, "zenohd"))}
+            )
+            files = tuple(each for each in there if each != "who")
+            return Case(name, said, there, files, "who", "whom", as_if=None if scouted else "random")
+
+        yield make
