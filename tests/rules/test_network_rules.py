@@ -173,3 +173,18 @@ def test_the_key_of_an_authority_is_worst(root: Path, tmp_path: Path) -> None:
     authority.write_bytes((root / "enclaves" / "talker" / "key.pem").read_bytes())
     change = {"named": changed(root, "named", tls={"connect_private_key": f"{authority}"})}
     assert found(root, tmp_path / "network", change) == {"KA816 critical"}
+
+
+@pytest.mark.parametrize(("rights", "expected"), [(100, set()), (600, {"KA808 high"})])
+def test_more_rights_than_are_asked_about_leave_it_open(
+    rights: int, expected: set[str], root: Path, tmp_path: Path
+) -> None:
+    """Nobody can do more than its own file lets it; of more than 500 rights that is not known."""
+    keys = " ".join(f"0/topic{number}/*/*" for number in range(rights))
+    sends = [allow(keys, "put", flows=["egress"]), allow(keys, "declare_subscriber", flows=["ingress"])]
+    takes = [allow(keys, "put", flows=["ingress"]), allow(keys, "declare_subscriber", flows=["egress"])]
+    change = {
+        "named": changed(root, "named", **access(({"cert_common_names": ["/listener"]}, sends))),
+        "listener": changed(root, "listener", **access(({"cert_common_names": ["/named"]}, takes))),
+    }
+    assert found(root, tmp_path / "network", change) == expected

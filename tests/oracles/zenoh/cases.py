@@ -16,8 +16,8 @@ K = "0/chatter/T/H"
 class Case(Struct, frozen=True):
     """`who` does something on `key`, and `whom` is at `at`. `as_if`: whose certificate `who` has if no file counts.
 
-    `sessions`: what really starts. `files`: those of them that restrain; others are an attacker's. `ours`: what we
-    say, where that is not what was measured: unknown.
+    `to`: the only one that an attacker really connects to. `sessions`: what really starts. `files`: those of them that
+    restrain; others are an attacker's. `ours`: what we say, where that is not what was measured: unknown.
     """
 
     name: str
@@ -31,6 +31,7 @@ class Case(Struct, frozen=True):
     at: str = K
     as_if: str | None = None
     ours: str | None = None
+    to: str | None = None
 
 
 def cases(root: Path, port: int) -> Iterator[Case]:

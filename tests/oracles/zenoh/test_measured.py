@@ -13,6 +13,7 @@ from tests.oracles.zenoh.asking import ours, real_answers
 from tests.oracles.zenoh.cases import Case, cases
 
 FIRST_PORT = 21000
+pytestmark = pytest.mark.xdist_group("sessions")  # ports and time: one worker for all
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +32,8 @@ def every(store: Path) -> Sequence[Case]:
 
 
 def test_real_sessions_do_what_was_measured(every: Sequence[Case]) -> None:
-    wrong = {name: answer for name, answer in real_answers(every).items() if answer != measured(every, name)}
-    assert wrong == {}
+    measured = {case.name: case.measured for case in every}
+    assert real_answers(every, measured) == measured
     assert len(every) >= 60
 
 
@@ -40,7 +41,3 @@ def test_we_say_what_was_measured(every: Sequence[Case], keystore: Keystore, tmp
     said = {case.name: ours(case, keystore, tmp_path / case.name) for case in every}
     wrong = {case.name: said[case.name] for case in every if said[case.name] != (case.ours or case.measured)}
     assert wrong == {}
-
-
-def measured(every: Sequence[Case], name: str) -> str:
-    return next(case.measured for case in every if case.name == name)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import read_keystore
 from tests.amount import tried
@@ -16,6 +18,7 @@ from tests.oracles.zenoh.cases import Case, K
 from tests.oracles.zenoh.deployment import Configuration, access, allow, deny, session, tls
 
 FIRST_PORT = 23000
+pytestmark = pytest.mark.xdist_group("sessions")  # ports and time: one worker for all
 KEYS = (K, "0/**", "0/chatter/**", "0/*/T/H", "**", "0/other/**", "0/ch$*r/T/H")
 WIDE = (K, K, K, "0/**", "0/*/T/H")
 NAMES = ("talker", "listener", "random", "p384")
@@ -67,12 +70,26 @@ def _rules(chance: Random, secured: bool) -> Configuration:
     return access(*given, default=chance.choice(("allow", "deny")))
 
 
+def attacked(chance: Random, root: Path, number: int) -> Case:
+    """The same, where whoever does something has an enclave's key, no rules, and connects as whatever it likes."""
+    case = deployed(chance, root, number)
+    there = {name: each for name, each in case.sessions.items() if name != case.who}
+    to = chance.choice([name for name, each in there.items() if each["listen"]["endpoints"]])
+    (end, *_), name = there[to]["listen"]["endpoints"], chance.choice(NAMES)
+    mode, protocol = chance.choice(("client", "peer", "router")), end.partition("/")[0]
+    listens = {} if mode == "client" else {"listen": [f"{protocol}/127.0.0.1:0"]}
+    mine = session(mode, connect=[end], **listens, **_of(root, protocol == "tls", name))
+    return replace(case, sessions={**there, "who": mine}, files=tuple(there), who="who", as_if=name, to=to)
+
+
 @pytest.mark.slow
-def test_what_we_are_certain_of_happens(tmp_path: Path) -> None:
+@pytest.mark.parametrize("making", [deployed, attacked])
+def test_what_we_are_certain_of_happens(tmp_path: Path, making: Callable[[Random, Path, int], Case]) -> None:
     root = deployment.keystore(tmp_path / "keystore")
-    cases = [deployed(Random(seed), root, seed) for seed in range(tried(60))]
-    answers, keystore = real_answers(cases), read_keystore(root)
+    cases = [making(Random(seed), root, seed) for seed in range(tried(60))]
+    keystore = read_keystore(root)
     said = {case.name: ours(case, keystore, tmp_path / case.name) for case in cases}
+    answers = real_answers(cases, said)
     wrong = {name: (said[name], answer) for name, answer in answers.items() if said[name] not in (answer, "unknown")}
     assert wrong == {}
     assert sum(each == "unknown" for each in said.values()) * 10 <= len(cases)
