@@ -3,30 +3,43 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from operator import itemgetter
 from typing import Final
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.errors import UsageError
 from keystore_audit.grouped import gathered
-from keystore_audit.intent.intent import Action, Intent
+from keystore_audit.intent.intent import Action, Intent, is_path, is_ros_name
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.document import DomainRange, Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.typed import Grant
 from keystore_audit.model.domains import covered
 from keystore_audit.model.intended.drift_rights import written_grant
-from keystore_audit.model.intended.observed_needs import EnclavePolicy, LeastPolicy, least_policy
-from keystore_audit.model.intended.observed_rights import Deciders, listed_usages
-from keystore_audit.model.names import dds_expressions
+from keystore_audit.model.intended.observed_needs import DISCOVERY, Denials, EnclavePolicy, LeastPolicy, least_policy
+from keystore_audit.model.intended.observed_rights import Deciders, listed_usages, listed_uses
+from keystore_audit.model.names import dds_channels, dds_expressions, plain_name
 from keystore_audit.text import terminal
+from keystore_audit.zenoh.answers import channels, plain
+from keystore_audit.zenoh.links import alternative_names
+from keystore_audit.zenoh.network import common_name
+from keystore_audit.zenoh.suggested import Party, router_and_clients, written
 
 LAST_OF_OPEN_RANGE: Final = 230
 """The domain that ends a range without an end: the last that an id may be (DDS-Security 1.1, Annex A)."""
+
+_HOST: Final = re.compile(r"[A-Za-z0-9.-]+")
+"""Names and addresses that an endpoint takes as they are: no pattern, and none of version 6."""
+
+Rights = Sequence[tuple[Action, str]]
+"""What is done with which fully qualified name."""
 
 DAY: Final = timedelta(days=1)
 FIRST: Final = datetime.min.replace(tzinfo=timezone.utc)
@@ -41,6 +54,13 @@ class Suggestion(Struct, frozen=True, kw_only=True):
     policy: LeastPolicy
     unknown: tuple[str, ...]
     doubts: tuple[str, ...]
+
+
+class SuggestedNetwork(Struct, frozen=True, kw_only=True):
+    """What sessions and their router start with, by enclave. `left_out`: sentences about what no file grants."""
+
+    files: Mapping[str, str]
+    left_out: tuple[str, ...]
 
 
 class Suggester:
@@ -87,9 +107,64 @@ class Suggester:
             raise UsageError(f"The governance of {policy.path!r} names no domain: say which with --domain.")
         return _grant(policy, certificate, domains)
 
+    def network(self, policy: LeastPolicy | None, router: str) -> SuggestedNetwork:
+        """Files that grant what a policy says, or (None) what permissions grant by name, in the given domain.
+
+        `router`: the enclave whose certificate the router has; sessions connect to the first host that it is for.
+        Nothing is granted that cannot be said exactly. Raises UsageError where there is no such enclave or host, or
+        others have its common name.
+        """
+        center = self._enclaves.get(router)
+        if center is None or center.identity is None:
+            raise UsageError(f"There is no enclave {router!r} with a certificate, which a router could have.")
+        host = next((each for each in alternative_names(center.identity) if _HOST.fullmatch(each)), None)
+        if host is None:
+            raise UsageError(f"The certificate of {router!r} names no host, and so no session could check it (KA811).")
+        names = Counter(self._party(each).name for each in self._keystore.enclaves)
+        shared = {name for name, number in names.items() if number > 1 or not name.strip()}
+        if self._party(center).name in shared:
+            raise UsageError(f"The certificate of {router!r} has no common name, or one that others have.")
+        domain = self._domain or 0
+        left_out: list[str] = []
+        clients: dict[str, Party] = {}
+        for path, enclave in sorted(self._enclaves.items()):
+            party = self._party(enclave)
+            if party.name in shared or not is_path(path):
+                left_out.append(f"{path} gets no file: its certificate has no common name, or one that others have.")
+            elif enclave is not center:
+                rights, doubts = self._by_permissions(enclave) if policy is None else _by_policy(policy, path)
+                left_out += (f"{path} is not granted {doubt}." for doubt in doubts)
+                keys = (each for action, name in rights for each in channels(action.value, name, domain))
+                clients[path] = replace(party, rights=frozenset((operation, plain(key)) for operation, key in keys))
+        made, own = router_and_clients(self._party(center), [*clients.values()], f"tls/{host}:7447", domain)
+        files = {router: made, **dict(zip(clients, own, strict=True))}
+        return SuggestedNetwork(files={path: written(each) for path, each in files.items()}, left_out=tuple(left_out))
+
+    def _party(self, enclave: Enclave) -> Party:
+        """Without rights."""
+        root = os.path.realpath(self._keystore.root)
+        places = {role: os.path.join(root, file.path) for role, file in enclave.files.files.items()}
+        name = common_name(enclave.identity) if enclave.identity is not None else None
+        return Party(name=name or "", files=places)
+
+    def _by_permissions(self, enclave: Enclave) -> tuple[Rights, list[str]]:
+        """What its permissions grant by name, whoever reads them, and what else they list."""
+        listed = listed_uses(enclave).difference(DISCOVERY)
+        names = dict.fromkeys(name for _operation, topic in sorted(listed) if (name := plain_name(topic)) is not None)
+        usages = listed_usages(enclave, names, self._deciders)
+        rights = [(action, name) for name, actions in usages.items() for action in actions]
+        granted = {use for action, name in rights for use in dds_channels(action.value, name)}
+        doubts = [
+            f"{operation.value} {topic}: it is an expression, half of a service, or not certainly granted"
+            for operation, topic in sorted(listed - granted)
+        ]
+        if not enclave.grants or any(grant.default_allow for grant in enclave.grants):
+            doubts.append("anything by default: its permissions allow that, or cannot be read")
+        return rights, doubts
+
     def _usages(self, path: str, name: str) -> tuple[Action, ...]:
         enclave = self._enclaves.get(path)
-        return () if enclave is None else listed_usages(enclave, name, self._deciders)
+        return () if enclave is None else listed_usages(enclave, (name,), self._deciders)[name]
 
     def _domains(self, enclave: Enclave) -> tuple[DomainRange, ...]:
         if self._domain is not None:
@@ -98,6 +173,16 @@ class Suggester:
         highest = max((each.high for each in ranges if each.high is not None), default=0)
         last = max(LAST_OF_OPEN_RANGE, highest)
         return tuple(DomainRange(low=low, high=min(high, last), line=None) for low, high in covered(ranges))
+
+
+def _by_policy(policy: LeastPolicy, path: str) -> tuple[Rights, list[str]]:
+    """What a policy allows the enclave by name and denies in no part, and what else it allows."""
+    rights = [each for enclave in policy.enclaves if enclave.path == path for each in enclave.rights]
+    denied = Denials((each.action, each.name) for each in rights if not each.allow)
+    allowed = [(each.action, each.name) for each in rights if each.allow]
+    exact = [right for right in allowed if is_ros_name(right[1]) and not denied.touches(*right)]
+    others = (right for right in allowed if right not in exact)
+    return exact, [f"{action.value} {name}: it is an expression, or denied in part" for action, name in others]
 
 
 def _grant(policy: EnclavePolicy, certificate: Certificate, domains: tuple[DomainRange, ...]) -> Grant:

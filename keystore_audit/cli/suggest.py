@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,6 +13,7 @@ from keystore_audit.cli import options as opt
 from keystore_audit.cli import output, types
 from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE, UsageError
+from keystore_audit.profiles import facts
 
 if TYPE_CHECKING:
     from keystore_audit.model.intended.observed_needs import EnclavePolicy
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
 
 POLICY: Final = "policy"
 PERMISSIONS: Final = "permissions"
+NETWORK: Final = facts.NETWORK_FORM
 FILE_NAME: Final = "permissions.xml"
+CONFIGURATION: Final = "process.json5"
 
 
 @click.command("suggest", cls=Command, short_help="Print the least policy for what was observed or launched.")
@@ -36,10 +39,11 @@ FILE_NAME: Final = "permissions.xml"
 @opt.choice(
     "--as",
     "form",
-    words=(POLICY, PERMISSIONS),
+    words=(POLICY, PERMISSIONS, NETWORK),
     default=POLICY,
-    help="An SROS2 policy, or permissions ready to be signed.",
+    help=facts.SUGGESTED_FORMS,
 )
+@click.option("--router", metavar="PATH", help="The enclave whose certificate the router has.")
 @click.option("--enclave", metavar="PATH", help="Only this enclave.")
 @click.option("--no-usual", is_flag=True, help="Leave out what every node has: log, parameters, type description.")
 @opt.file(
@@ -47,13 +51,15 @@ FILE_NAME: Final = "permissions.xml"
     "--output",
     "place",
     metavar="FILE|DIR",
-    help="Write it there: a file, or for permissions of several enclaves a directory.",
+    help="Write it there: a file; a directory for permissions of several enclaves, and a new one for a network.",
 )
 @opt.interpretation_options
 @opt.file_options
 @opt.verbose_option()
 def command(keystore: str, **given: Any) -> int:
     """Print the least SROS2 policy for what graphs, launch files or a policy say of the nodes of KEYSTORE.
+
+    As the files of a network, without any of these: for what its permissions grant.
 
     \b
     Exit codes:
@@ -62,10 +68,16 @@ def command(keystore: str, **given: Any) -> int:
       3   nothing to look at there
       4   printed, and something may be missing: stderr says what
     """  # noqa: D301 - click's mark for lines that stay as they are
-    if not (given["graphs"] or given["launches"] or given["policy"]):
+    networked = given["form"] == NETWORK
+    observed = bool(given["graphs"] or given["launches"] or given["policy"])
+    if not (observed or networked):
         raise click.UsageError("Name what the nodes do: --graph, --launch or --policy.")
     if given["include"] is not None and given["policy"] is None:
         raise click.UsageError("--policy-include says where a policy includes from: name one with --policy.")
+    if networked != (given["router"] is not None) or (networked and given["place"] is None):
+        raise click.UsageError(f"--router PATH, -o DIR and --as {NETWORK} belong together.")
+    if networked and (given["enclave"] is not None or (given["no_usual"] and not observed)):
+        raise click.UsageError("A network is of all enclaves, and permissions do not say what is usual.")
     opt.check_launch_arguments(given["launch_arguments"], given["launches"])
     from keystore_audit.intent import read_observed
     from keystore_audit.suggest import Suggester
@@ -73,8 +85,12 @@ def command(keystore: str, **given: Any) -> int:
     arguments = dict(given["launch_arguments"])
     intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"], given["include"])
     read = opt.reading(given, opt.named_settings(given, keystore), uniform="suggest")
+    if networked and read.domain is None:
+        read = replace(read, domain=0)
     suggester = Suggester(keystore, intents, read)
     suggestion = suggester.suggestion(usual=not given["no_usual"])
+    if networked:
+        return _write_network(keystore, suggester, suggestion if observed else None, given["router"], given["place"])
     enclaves = _chosen(suggestion, given["enclave"])
     if given["form"] == POLICY:
         _write_policy(keystore, suggestion, enclaves, given["place"])
@@ -123,27 +139,48 @@ def _write_permissions(
             "Permissions are a document for each enclave: choose one with --enclave, or name -o DIR."
         )
     known = [enclave for enclave in enclaves if enclave.path not in suggestion.unknown]
-    documents = [(_place_of(enclave, place), permissions_xml(suggester.grant(enclave))) for enclave in known]
+    documents = {
+        _folder_of(enclave.path, place) / FILE_NAME: permissions_xml(suggester.grant(enclave)) for enclave in known
+    }
+    _write_all(keystore, PERMISSIONS, documents, place)
+
+
+def _write_network(keystore: str, suggester: Suggester, suggestion: Suggestion | None, router: str, place: Path) -> int:
+    """A file for each enclave. Return the exit code."""
+    network = suggester.network(suggestion.policy if suggestion is not None else None, router)
+    if place.exists():
+        raise UsageError(f"{place} is there already: old files beside new ones would count too.")
+    documents = {_folder_of(path, place) / CONFIGURATION: text for path, text in network.files.items()}
+    _write_all(keystore, NETWORK, documents, place)
+    notes = [*network.left_out]
+    if suggestion is not None:
+        policy = replace(suggestion.policy, wildcards=())
+        notes += _notes(replace(suggestion, policy=policy), policy.enclaves)
+    for note in notes:
+        output.say(note)
+    return EXIT_INCOMPLETE if notes else 0
+
+
+def _write_all(keystore: str, form: str, documents: Mapping[Path, str], place: Path) -> None:
+    """Below the directory `place`, which is made."""
     output.check_outside(place, (keystore,))
     try:
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"Cannot make the directory {place}: {error.strerror or error}.") from error
-    targets = [output.Target(format=PERMISSIONS, path=path, folder=place) for path, _document in documents]
+    targets = [output.Target(format=form, path=path, folder=place) for path in documents]
     output.check(targets, (keystore,))
-    for target, (_path, document) in zip(targets, documents, strict=True):
+    for target, document in zip(targets, documents.values(), strict=True):
         output.write(target, document)
 
 
-def _place_of(enclave: EnclavePolicy, directory: Path) -> Path:
+def _folder_of(path: str, directory: Path) -> Path:
     """Below the directory, as below enclaves/ of a keystore; its tokens are letters, digits and underscores."""
     from keystore_audit.intent.intent import is_path
 
-    if not is_path(enclave.path):
-        raise UsageError(
-            f"{enclave.path!r} is no enclave's name that a directory could have: choose it with --enclave."
-        )
-    return directory.joinpath(*enclave.path.strip("/").split("/"), FILE_NAME)
+    if not is_path(path):
+        raise UsageError(f"{path!r} is no enclave's name that a directory could have: choose it with --enclave.")
+    return directory.joinpath(*path.strip("/").split("/"))
 
 
 def _write(keystore: str, form: str, document: str, place: Path | None) -> None:

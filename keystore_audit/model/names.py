@@ -112,14 +112,24 @@ def parse_dds_name(dds: str) -> RosName | None:
     """Return what the DDS topic `dds` is to ROS 2, or None where the mangling of ROS 2 cannot produce it."""
     if dds == DISCOVERY_TOPIC:
         return RosName(kind=RosKind.DISCOVERY, name=dds, part="")
-    if not is_ros_dds_name(dds):
+    name = plain_name(dds)
+    if name is None:
         return None
-    suffix, kind, part = _MANGLING[dds[:2]]
-    name = dds[2 : len(dds) - len(suffix)]
+    _suffix, kind, part = _MANGLING[dds[:2]]
     action, found, action_part = name.rpartition(ACTION_PART)
     if found and action and action_part in (ACTION_SERVICES if part else ACTION_TOPICS):
         return RosName(kind=RosKind.ACTION, name=action, part=f"{action_part} {part}".rstrip())
     return RosName(kind=RosKind(kind), name=name, part=part)
+
+
+def plain_name(dds: str) -> str | None:
+    """Return the fully qualified name of the topic or service that `dds` is of, those of an action apart.
+
+    None where ROS 2 has no such name.
+    """
+    if dds == DISCOVERY_TOPIC or not is_ros_dds_name(dds):
+        return None
+    return dds[2 : len(dds) - len(_MANGLING[dds[:2]][0])]
 
 
 def ros_name(dds: str) -> str:

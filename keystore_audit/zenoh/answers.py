@@ -25,13 +25,15 @@ MAX_WIDE: Final = 20
 """Expressions of rules that an attacker is tried with; whether one of the others passes is not certain then."""
 
 _PUT, _SUBSCRIBE, _QUERY, _REPLY, _SERVE = Kind.PUT, Kind.SUBSCRIBE, Kind.QUERY, Kind.REPLY, Kind.SERVE
-_PASSING: Final = {
+_EFFECTIVE: Final = {
     "publish": ((_PUT, True), (_SUBSCRIBE, False)),
     "subscribe": ((_SUBSCRIBE, True), (_PUT, False)),
     "request": ((_QUERY, True), (_SERVE, False)),
     "reply": ((_SERVE, True), (_QUERY, False), (_REPLY, True)),
 }
 """By operation what has to pass, away from whoever does it or back. A query runs a service, whoever hears the reply."""
+PASSING: Final = {**_EFFECTIVE, "request": (*_EFFECTIVE["request"], (_REPLY, False))}
+"""The same where whoever does it wants the reply."""
 _TYPE: Final = "/$*::$*/*"
 _ROLES: Final = {"call": ("request", "subscribe"), "execute": ("reply", "publish")}
 
@@ -143,9 +145,7 @@ class Rights:
         return max(found, key=lambda each: OBSTACLES.index(each.truth))
 
     def _works(self, process: Process, operation: str, key: str, release: Release) -> Reached:
-        messages = _messages(operation, Key(key), Key(key))
-        if operation == "request":
-            messages = (*messages, Message(_REPLY, False, Key(key)))
+        messages = _messages(PASSING[operation], Key(key), Key(key))
         begins, ends = self._links.of(process), _other(process.owner)
         for certain in (True, False):
             way = find_way(self._links, begins, messages, ends, release, certain=certain)
@@ -162,7 +162,7 @@ class Rights:
         """Whether somebody with its key and without its file does it; None: with no key."""
         begins = self._links.attacks(enclave)
         for first in self._chosen(key):
-            messages = _messages(operation, first, Key(key))
+            messages = _messages(_EFFECTIVE[operation], first, Key(key))
             certain = first.meant is not Meant.ANY
             way = find_way(self._links, begins, messages, _other(enclave), release, certain=certain)
             if way is not None:
@@ -193,11 +193,9 @@ def _obstacle(begins: Iterable[Tie], messages: Sequence[Message], release: Relea
     return max(begins, key=lambda tie: OBSTACLES.index(tie.crossed(messages, release)))
 
 
-def _messages(operation: str, first: Key, rest: Key) -> tuple[Message, ...]:
+def _messages(passing: Iterable[tuple[Kind, bool]], first: Key, rest: Key) -> tuple[Message, ...]:
     """What has to pass; `first`: what whoever does it asks for or sends, `rest`: what comes of it."""
-    return tuple(
-        Message(kind, away, first if away and kind is not _REPLY else rest) for kind, away in _PASSING[operation]
-    )
+    return tuple(Message(kind, away, first if away and kind is not _REPLY else rest) for kind, away in passing)
 
 
 def _other(enclave: Enclave | None) -> Callable[[Process], bool]:

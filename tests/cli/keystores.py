@@ -13,6 +13,8 @@ from subprocess import CompletedProcess
 from typing import Any
 from unittest.mock import patch
 
+from cryptography import x509
+
 from keystore_audit.cli.program import run
 from tests.keystore import documents
 from tests.keystore.builder import GOVERNANCE, authority, certificate, write_enclave
@@ -58,18 +60,26 @@ def rule(
 
 
 def keystore(
-    root: Path, enclaves: Mapping[str, tuple[str, ...]], *, governance: bytes = GOVERNANCE, default: str = "DENY"
+    root: Path,
+    enclaves: Mapping[str, tuple[str, ...]],
+    *,
+    governance: bytes = GOVERNANCE,
+    default: str = "DENY",
+    host: str | None = None,
 ) -> Path:
     """A keystore of two authorities whose enclaves have these rules."""
     documents = {path: document_of(grant_of(path, *rules, default=default)) for path, rules in enclaves.items()}
-    return signed_keystore(root, documents, governance=governance)
+    return signed_keystore(root, documents, governance=governance, host=host)
 
 
-def signed_keystore(root: Path, documents: Mapping[str, bytes], *, governance: bytes = GOVERNANCE) -> Path:
-    """A keystore of two authorities whose enclaves have these permissions."""
+def signed_keystore(
+    root: Path, documents: Mapping[str, bytes], *, governance: bytes = GOVERNANCE, host: str | None = None
+) -> Path:
+    """A keystore of two authorities whose enclaves have these permissions, and certificates for a host."""
+    names = [(x509.SubjectAlternativeName([x509.DNSName(host)]), False)] if host is not None else []
     identity, permissions = authority("identityCA"), authority("permissionsCA")
     for path, document in documents.items():
-        own = certificate(path, identity)
+        own = certificate(path, identity, extensions=names)
         write_enclave(root / "enclaves" / path.strip("/"), own, document, identity, permissions, governance)
     return root
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from msgspec.structs import replace
+
+from keystore_audit.keystore.layout import Role
+from keystore_audit.zenoh.suggested import Configuration, process, secured
+from keystore_audit.zenoh.suggested import written as as_file
 
 from .base import IDENTITY_CA, LISTENER, LISTENER_CERTIFICATE, TALKER, TALKER_CERTIFICATE, TWO
 from .certificates import Certificate
@@ -16,7 +19,6 @@ from .keys import Key
 from .store import Enclave, Store
 from .story import Case, Story, pair
 
-Configuration = dict[str, Any]
 Network = Mapping[str, Configuration]
 
 HOST = "localhost"
@@ -48,17 +50,16 @@ CHATTER = "0/chatter/*/*"
 OPENS = "tls/localhost:7449"
 
 
+def files_of(name: str) -> Mapping[Role, str]:
+    """Where those of an enclave are on the robot."""
+    return {role: f"{KEYSTORE}/enclaves/{name}/{role.value}.pem" for role in Role}
+
+
 def tls(name: str, **changed: Any) -> Configuration:
     """The section of an enclave."""
-    folder = f"{KEYSTORE}/enclaves/{name}"
-    files = {
-        f"{side}_{what}": f"{folder}/{file}.pem"
-        for side in ("connect", "listen")
-        for what, file in (("certificate", "cert"), ("private_key", "key"))
-    }
-    root = f"{folder}/identity_ca.cert.pem"
-    section = {"enable_mtls": True, "close_link_on_expiration": True, "root_ca_certificate": root, **files, **changed}
-    return {"link": {"protocols": ["tls"], "tls": section}}
+    made = secured(files_of(name))
+    made["link"]["tls"] |= changed
+    return made
 
 
 def rule(name: str, messages: Sequence[str], flow: str, key: str = CHATTER, permission: str = "allow") -> Configuration:
@@ -88,14 +89,7 @@ def named(*names: str) -> Configuration:
 
 def session(name: str, **changed: Any) -> Configuration:
     """A peer that listens nowhere, linked with whoever it connects to."""
-    made: Configuration = {
-        "mode": "peer",
-        "listen": {"endpoints": []},
-        "connect": {"endpoints": []},
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": tls(name),
-    }
-    return made | changed
+    return process(files_of(name), **changed)
 
 
 def talker(**changed: Any) -> Configuration:
@@ -313,5 +307,5 @@ def _case(code: str, side: str, text: str, store: Store, network: Network) -> Ca
 
 
 def written(configuration: Configuration) -> bytes:
-    """A file as people write it: JSON with lines."""
-    return f"{json.dumps(configuration, indent=2)}\n".encode()
+    """A file."""
+    return as_file(configuration).encode()

@@ -6,8 +6,11 @@ from collections.abc import Iterator, Mapping
 
 from msgspec.structs import replace
 
+from keystore_audit.zenoh.answers import channels, plain
+from keystore_audit.zenoh.suggested import Configuration, Party, router_and_clients
+
 from .healthy import TURTLESIM, healthy
-from .network_stories import HOST, Configuration, named, session, tls, written
+from .network_stories import HOST, files_of, session, tls, written
 from .policy import Node
 from .store import Store
 from .story import Story
@@ -32,7 +35,7 @@ def stories() -> Iterator[Story]:
         "turtlesim_clients",
         "The same system in a form that holds: every session is a client of one router, listens nowhere, checks the "
         "router's name and takes data from the router alone; the router knows each by its certificate.",
-        {each.strip("/"): _client(each) for each in TURTLESIM} | {"zenohd": _router()},
+        _clients(),
     )
 
 
@@ -105,40 +108,20 @@ def _router_without_rules() -> Configuration:
     return session("zenohd", mode="router", listen=listens, scouting=gossip, transport=_unchecked("zenohd"))
 
 
-def _client(path: str) -> Configuration:
-    """It takes whatever the router hands on, and from nobody else."""
-    rule = _rule("of_the_router", ("put", "declare_subscriber", *TOKENS), ("ingress", "egress"), "0/**", GRAPH)
-    section = {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": [rule],
-        "subjects": [{"id": "router", **named(ROUTER)}],
-        "policies": [{"rules": ["of_the_router"], "subjects": ["router"]}],
-    }
-    return session(path.strip("/"), mode="client", connect=ENDS, access_control=section)
-
-
-def _router() -> Configuration:
-    """For each enclave what it may send and ask for, and what it is sent."""
-    rules, policies = [_rule("graph", TOKENS, ("ingress", "egress"), GRAPH)], []
-    for path, node in TURTLESIM.items():
-        own = ["graph"]
-        if node.publish:
-            own.append(f"from_{node.name}")
-            rules.append(_rule(own[-1], ("put",), ("ingress",), *_keys(node.publish)))
-            own.append(f"asked_of_{node.name}")
-            rules.append(_rule(own[-1], ("declare_subscriber",), ("egress",), *_keys(node.publish)))
-        if node.subscribe:
-            own.append(f"to_{node.name}")
-            rules.append(_rule(own[-1], ("put",), ("egress",), *_keys(node.subscribe)))
-            own.append(f"asked_by_{node.name}")
-            rules.append(_rule(own[-1], ("declare_subscriber",), ("ingress",), *_keys(node.subscribe)))
-        policies.append({"rules": own, "subjects": [path]})
-    section = {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": rules,
-        "subjects": [{"id": path, **named(path)} for path in TURTLESIM],
-        "policies": policies,
-    }
-    return session("zenohd", mode="router", listen=ENDS, access_control=section)
+def _clients() -> Mapping[str, Configuration]:
+    """As `suggest` writes it from the policy without what every node has, for the topics alone."""
+    parties = [
+        Party(
+            name=path,
+            files=files_of(path.strip("/")),
+            rights=frozenset(
+                (operation, plain(key))
+                for operation, topics in (("publish", node.publish), ("subscribe", node.subscribe))
+                for topic in topics
+                for _operation, key in channels(operation, f"/{topic}", 0)
+            ),
+        )
+        for path, node in sorted(TURTLESIM.items())
+    ]
+    router, clients = router_and_clients(Party(name=ROUTER, files=files_of("zenohd")), parties, f"tls/{HOST}:7447", 0)
+    return {"zenohd": router, **{each.name.strip("/"): own for each, own in zip(parties, clients, strict=True)}}

@@ -300,7 +300,7 @@ class _Draft:
     def _nodes(
         self, path: str, nodes: Mapping[str, Iterable[tuple[Action, str]]], *, usual: bool
     ) -> Iterator[NodePolicy]:
-        denied = _Denials(self._denied.get(path, ()))
+        denied = Denials(self._denied.get(path, ()))
         kept = denied.kept(right for rights in nodes.values() for right in rights)
         for number, (node, rights) in enumerate(sorted(nodes.items())):
             everyday = {(action, name) for action, name, _usual in usual_rights(node)}
@@ -321,7 +321,7 @@ def _order(right: PolicyRight) -> tuple[object, ...]:
     return right.usual, right.allow, _ACTIONS.index(right.action), right.name
 
 
-class _Denials:
+class Denials:
     """What a policy denies an enclave."""
 
     def __init__(self, rights: Iterable[tuple[Action, str]]) -> None:
@@ -335,11 +335,14 @@ class _Denials:
         """Whether everything that the right takes is denied."""
         return is_ros_name(name) and all(self._hits(channel) for channel in dds_expressions(action.value, name))
 
+    def touches(self, action: Action, name: str) -> bool:
+        """Whether something that the right takes is denied."""
+        return any(self._hits(channel) for channel in dds_expressions(action.value, name))
+
     def kept(self, allowed: Iterable[tuple[Action, str]]) -> tuple[tuple[Action, str], ...]:
         """Those without which more would be allowed: beside wildcards, and where they take part of a right."""
         for action, name in allowed if self.rights else ():
-            partly = any(self._hits(channel) for channel in dds_expressions(action.value, name))
-            if not is_ros_name(name) or (partly and not self.covers(action, name)):
+            if not is_ros_name(name) or (self.touches(action, name) and not self.covers(action, name)):
                 return self.rights
         return ()
 

@@ -222,25 +222,31 @@ class PointRights:
         return self._channels.domains[self._channels.domain_class(domain)].label
 
 
-def listed_usages(enclave: Enclave, name: str, deciders: Deciders) -> tuple[Action, ...]:
-    """What an enclave is granted to do with a ROS name by that name, under every profile under which it starts.
+def listed_usages(enclave: Enclave, names: Iterable[str], deciders: Deciders) -> Mapping[str, tuple[Action, ...]]:
+    """What an enclave is granted to do with ROS names by those names, under every profile under which it starts.
 
     Expressions with wildcards do not count: they say nothing of what a node does.
     """
-    listed = {
+    listed = listed_uses(enclave)
+    wanted = {(name, action): dds_channels(action.value, name) for name in names for action in Action}
+    rights = PointRights(enclave, ((topic, "") for channels in wanted.values() for _, topic in channels), deciders)
+    found: dict[str, tuple[Action, ...]] = {}
+    for (name, action), channels in wanted.items():
+        granted = found.setdefault(name, ())
+        if listed.issuperset(channels):
+            rulings = {rights.verdict(profile, channels).ruling for profile, _names in deciders.kinds}
+            found[name] = (*granted, action) if rulings - {None} == {Truth.YES} else granted
+    return found
+
+
+def listed_uses(enclave: Enclave) -> frozenset[Use]:
+    """What the allow rules of an enclave's grants list, names and expressions, in any domain and partition."""
+    return frozenset(
         (criterion.operation, topic.text)
         for grant in enclave.grants
         for criterion in grant.allowed
         for topic in criterion.topics
-    }
-    wanted = {action: dds_channels(action.value, name) for action in Action}
-    rights = PointRights(enclave, ((topic, "") for channels in wanted.values() for _, topic in channels), deciders)
-    found = []
-    for action, channels in wanted.items():
-        rulings = {rights.verdict(profile, channels).ruling for profile, _names in deciders.kinds}
-        if listed.issuperset(channels) and rulings - {None} == {Truth.YES}:
-            found.append(action)
-    return tuple(found)
+    )
 
 
 # Which nodes there are and how they are wired, as graphs, launch files and policies say it, in one system.
