@@ -150,7 +150,8 @@ def file_restrains_only_its_owner(network: Network, context: Context) -> Iterato
     """An enclave can do what its own file denies, by starting without that file.
 
     What others let in does not depend on who sends. Each process polices its own links alone, and a compromised one
-    drops its file. What others' rules deny to its certificate stays denied. Asked of 500 rights that rules name; where
+    drops its file. What others' rules deny to its certificate stays denied. Routers pass on all that comes: whoever
+    has the key of one is not told here. Asked of 500 rights that rules name; where
     there are more, and none of those is one, it stays open.
     """
     rights, told, places = Rights(network), list[str](), dict[Location, None]()
@@ -170,7 +171,7 @@ def file_restrains_only_its_owner(network: Network, context: Context) -> Iterato
 
 def _asked(network: Network, context: Context) -> Iterator[tuple[Enclave, str, str, str]]:
     """Who, in words and as `can` calls it, on which expression: what rules name that let others in."""
-    running = {each.owner for each in network.started}
+    running = {each.owner for each in network.started if is_session(each)}
     for does, operation, kind, flow in (
         ("publishes", "publish", Kind.PUT, Flow.INGRESS),
         ("calls", "request", Kind.QUERY, Flow.INGRESS),

@@ -118,7 +118,9 @@ class Links:
         """The links that somebody with the enclave's key, and without its file, can have; None: with no key at all."""
         if enclave not in self._attackers:
             certificate = enclave.identity if enclave is not None else None
-            ties = (tie for process in self._network.started for tie in self._attacks(process, certificate))
+            ties = [tie for process in self._network.started for tie in self._attacks(process, certificate)]
+            if enclave is not None and certificate is not None:
+                ties += (t for each in self._network.started for t in self._led(each, enclave, certificate))
             self._attackers[enclave] = tuple(ties)
         return self._attackers[enclave]
 
@@ -133,6 +135,23 @@ class Links:
             seen = Remote(known, end.protocol, free=end.multicast, chosen=True)
             yield from (Tie(near=None, mode=mode, far=process, seen=seen, sees=seen, sure=sure) for mode in Mode)
         yield from self._sought(process, certificate)
+
+    def _led(self, process: Process, enclave: Enclave, certificate: Certificate) -> Iterator[Tie]:
+        """The links that a process makes itself, to where the enclave's own listen."""
+        own = [each for each in self._network.started if each.owner is enclave and process.owner is not enclave]
+        for end, their in (met for each in own for met in self._met(process, each)):
+            known, sure = None, [Truth.YES if end is None else fits(end, their)]
+            if their.protocol in SECURED:
+                known = common_name(certificate)
+                sure += [
+                    self._network.trusts(process, end, certificate, LISTENING),
+                    self._verified(process, end, certificate),
+                ]
+            elif their.protocol not in PROTOCOLS:
+                sure.append(Truth.UNKNOWN)
+            seen, there = Remote(known, their.protocol, free=their.multicast, chosen=True), all_of(sure)
+            if there.may:
+                yield from (Tie(near=None, mode=mode, far=process, seen=seen, sees=seen, sure=there) for mode in Mode)
 
     def _sought(self, process: Process, certificate: Certificate | None) -> Iterator[Tie]:
         """The links that a process makes itself, to whoever announces an address: by multicast anybody, by gossip who

@@ -41,6 +41,8 @@ def sessions(name: str, port: int, *without_file: str) -> dict[str, Any]:
         ("turtlesim_clients", "random", "multiplexer", "low_priority", (), "yes"),
         ("turtlesim_clients", "multiplexer", "turtlesim", "move_turtle", (), "yes"),
         ("turtlesim_clients", "keyboard", "turtlesim", "move_turtle", ("keyboard",), "no"),
+        ("turtlesim_clients", "zenohd", "multiplexer", "rosout", (), "no"),
+        ("turtlesim_clients", "zenohd", "multiplexer", "rosout", ("zenohd",), "yes"),
     ],
 )
 def test_a_sample_does_what_we_say(
