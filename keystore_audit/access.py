@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.errors import UsageError
+from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.channels import Point, governed_domains
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from keystore_audit.model.tables.access_table import AccessTable
-    from keystore_audit.zenoh.answers import RoutedAnswers
+    from keystore_audit.zenoh.answers import RoutedAnswers, RoutedTable
 
 MAX_KNOWN: Final = 30
 """Enclaves named in a message about one that there is not; those of a fleet would hide the message."""
@@ -156,6 +156,47 @@ def routed(
         folder=os.fspath(folder),
         keys=tuple(plain(key) for _role, key in channels(operation, name, domain)),
         answers={each.name: rights.answer(enclaves[named], operation, name, domain, each) for each in releases},
+        doubts=rights.doubts,
+    )
+
+
+MAX_RIGHTS: Final = 2_000
+"""Rights in a network that are asked one by one: about a minute."""
+
+
+def routed_table(
+    path: str | os.PathLike[str], folder: Path, given: Circumstances, releases: Sequence[Release]
+) -> RoutedTable:
+    """What every enclave may do with every topic and service that permissions and the files name.
+
+    Raises errors.NothingToAudit where there is no keystore or no such file, errors.BudgetExceeded for too many rights.
+    """
+    from keystore_audit.zenoh.answers import Rights, RoutedRight, RoutedTable
+    from keystore_audit.zenoh.names import written_names
+    from keystore_audit.zenoh.network import read_network
+
+    keystore, domain = given.keystore(path), given.domain or 0
+    network = read_network(folder, keystore, given.at)
+    documents = [each.permissions for each in keystore.enclaves if each.permissions is not None]
+    named, rights = written_names(documents, network, domain), Rights(network)
+    if len(named.rights) * len(keystore.enclaves) > MAX_RIGHTS:
+        raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named: ask with `can`.")
+    return RoutedTable(
+        domain=domain,
+        at=given.at,
+        folder=os.fspath(folder),
+        releases=tuple(each.name for each in releases),
+        rights=tuple(
+            RoutedRight(
+                enclave=enclave.path,
+                operation=operation,
+                name=name,
+                answers={each.name: rights.answer(enclave, operation, name, domain, each) for each in releases},
+            )
+            for enclave in keystore.enclaves
+            for operation, name in named.rights
+        ),
+        patterns=named.patterns,
         doubts=rights.doubts,
     )
 

@@ -145,6 +145,7 @@ def audit(
     context = Context(
         keystore=keystore,
         meaning=meaning,
+        accesses=accesses,
         drift=_drift(keystore, policy, options, working, accesses) if policy is not None else None,
         results=results,
         engines=runs,

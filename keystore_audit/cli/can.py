@@ -14,6 +14,7 @@ from keystore_audit.cli import output, types
 from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE, BudgetExceeded, UsageError
 from keystore_audit.options import LAST_DOMAIN
+from keystore_audit.profiles import facts
 
 if TYPE_CHECKING:
     from keystore_audit.model.question import Answer, Question
@@ -270,8 +271,9 @@ MAX_WIDTH: Final = 200
 @click.command("access", cls=Command, short_help="Show who may do what: enclaves and topics.")
 @click.argument("keystore", metavar="KEYSTORE", type=types.keystore_path)
 @opt.format_option("How the table is written.", *FORMATS)
-@opt.domain_option("In which domain (default: the lowest that a governance covers).")
+@opt.domain_option(f"In which domain (default: the lowest that a governance covers; 0 with {facts.NETWORK_OPTION}).")
 @opt.reading_options
+@opt.network_option
 @opt.file_options
 @opt.verbose_option()
 def access_command(keystore: str, **given: Any) -> int:
@@ -285,8 +287,24 @@ def access_command(keystore: str, **given: Any) -> int:
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.access import read_access_table
 
+    if given["network"] is not None:
+        return _network_table(keystore, given)
     table = read_access_table(keystore, opt.reading(given, opt.named_settings(given, keystore)))
     output.write_stdout(_rendered(table, given["form"]))
+    return EXIT_INCOMPLETE if table.has_unknown else 0
+
+
+def _network_table(keystore: str, given: dict[str, Any]) -> int:
+    """What the files of the middleware that routes let enclaves do, by which permissions do not count."""
+    from keystore_audit.access import routed_table
+    from keystore_audit.profiles import releases
+    from keystore_audit.report import routed_access
+
+    opt.refuse(("not_assumed", "time_zone"), "files of sessions and routers")
+    reading = opt.reading(given, opt.named_settings(given, keystore))
+    table = routed_table(keystore, given["network"], reading, releases(given["profiles"]))
+    render = {"text": routed_access.text, "json": routed_access.json, "csv": routed_access.csv}[given["form"]]
+    output.write_stdout(render(table))
     return EXIT_INCOMPLETE if table.has_unknown else 0
 
 

@@ -111,12 +111,15 @@ def _rulings(both: Iterable[Truth]) -> dict[str, str]:
 
 def csv(table: AccessTable) -> str:
     """RFC 4180, one row a right, safe to open in a spreadsheet; what is denied by everybody has no row."""
+    return csv_of(HEADER, (row for group in table.groups for row in _csv_rows(table, group)))
+
+
+def csv_of(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """The same of any rows."""
     out = StringIO()
-    rows = writer.writer(out, lineterminator="\r\n")
-    rows.writerow(HEADER)
-    for group in table.groups:
-        for row in _csv_rows(table, group):
-            rows.writerow([csv_cell(cell) for cell in row])
+    written = writer.writer(out, lineterminator="\r\n")
+    written.writerow(header)
+    written.writerows([csv_cell(cell) for cell in row] for row in rows)
     return out.getvalue()
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Final
+
+from keystore_audit.findings import Location
 from keystore_audit.model.question import WORDS
 from keystore_audit.report.json import encoded, picked
 from keystore_audit.report.page import by_answer, profiles, wrapped
@@ -9,7 +13,7 @@ from keystore_audit.text import instant, terminal
 from keystore_audit.truth import Truth
 from keystore_audit.zenoh.answers import Reached, RoutedAnswer, RoutedAnswers
 
-_ASSUMED = (
+ASSUMED: Final = (
     "Holds if every process starts with its file in {}, no other takes part, and addresses lead to whom they name. "
     "Neither governance nor permissions have a say."
 )
@@ -32,9 +36,14 @@ def json(asked: RoutedAnswers) -> str:
             for release, answer in asked.answers.items()
         },
         "at": instant(asked.at),
-        "unknown": [{"path": place.path, "line": place.line, "reason": why} for place, why in asked.doubts],
+        "unknown": unknown(asked.doubts),
     }
     return encoded(document) + "\n"
+
+
+def unknown(doubts: Sequence[tuple[Location, str]]) -> list[dict[str, object]]:
+    """Why nothing is denied for certain."""
+    return [{**picked(place, "path", "line"), "reason": why} for place, why in doubts]
 
 
 def _described(reached: Reached) -> dict[str, object]:
@@ -47,15 +56,20 @@ def text(asked: RoutedAnswers) -> str:
     where = f"domain {asked.domain}, at {instant(asked.at)}"
     lines = [terminal(f"May {asked.enclave} {asked.operation} {asked.name}? ({where})")]
     lines += [terminal(f"  about {key}") for key in asked.keys]
-    lines.append(wrapped(_ASSUMED.format(asked.folder), "  ", "  "))
+    lines.append(wrapped(ASSUMED.format(asked.folder), "  ", "  "))
     for answer, names in by_answer(asked.answers).items():
         label = f"{WORDS[answer.works.truth].upper():<8} "
         lines += ["", wrapped(profiles(names, asked.answers), label, " " * len(label)), *_told(answer)]
-    if asked.doubts:
-        place, why = asked.doubts[0]
-        more = f" ({len(asked.doubts)} such places)" if len(asked.doubts) > 1 else ""
-        lines += ["", wrapped(f"Nothing is denied for certain: {place}: {why}{more}.", "  ", "  ")]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *doubted(asked.doubts)]) + "\n"
+
+
+def doubted(doubts: Sequence[tuple[Location, str]]) -> list[str]:
+    """Why nothing is denied for certain, where that is so."""
+    if not doubts:
+        return []
+    place, why = doubts[0]
+    more = f" ({len(doubts)} such places)" if len(doubts) > 1 else ""
+    return ["", wrapped(f"Nothing is denied for certain: {place}: {why}{more}.", "  ", "  ")]
 
 
 def _told(answer: RoutedAnswer) -> list[str]:

@@ -23,6 +23,7 @@ from keystore_audit.rules import (  # noqa: F401 - each registers its rules
     layout,
     network,
     network_access,
+    network_drift,
     observed,
     permissions,
     portability,

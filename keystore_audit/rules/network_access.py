@@ -17,6 +17,7 @@ from keystore_audit.zenoh.access_control import AccessControl, Flow, Kind, Subje
 from keystore_audit.zenoh.access_control import Rule as Written
 from keystore_audit.zenoh.answers import Reached, Rights
 from keystore_audit.zenoh.configuration import Mode
+from keystore_audit.zenoh.names import name_in
 from keystore_audit.zenoh.network import Network, Process, common_name, is_session
 
 _TAKEN: Final = (Kind.PUT, Kind.DELETE, Kind.QUERY, Kind.REPLY)
@@ -197,9 +198,8 @@ def _dropping(rights: Rights, enclave: Enclave, operation: str, key: str, releas
 
 def name_of(key: str) -> str:
     """The ROS name that an expression of a rule is about, else the expression."""
-    domain, _slash, rest = key.partition("/")
-    name = rest.removesuffix("/*/*").removesuffix("/**")
-    return f"/{name}" if domain.isdecimal() and name and name != rest and "*" not in name else quoted(key)
+    domain, name = name_in(key)
+    return name if domain is not None and name is not None else quoted(key)
 
 
 @rule(

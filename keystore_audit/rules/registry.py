@@ -16,6 +16,7 @@ from keystore_audit.findings import OF_THE_AUDIT, Location, Remedy, Severity
 from keystore_audit.intent.environment import Environment
 from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.trust.chain import Authorities
 from keystore_audit.profiles import Profile, Release
@@ -45,6 +46,8 @@ class Context(Struct, frozen=True, kw_only=True):
 
     keystore: Keystore
     meaning: Meaning
+    accesses: AccessViews
+    """What the documents say to each implementation."""
     results: tuple[PropertyResult, ...]
     engines: tuple[EngineRun, ...]
     at: datetime

@@ -16,7 +16,7 @@ from keystore_audit.model.matching.key_expressions import EVERYTHING, intersects
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
 from keystore_audit.model.question import WORDS
 from keystore_audit.profiles import Release
-from keystore_audit.truth import Truth
+from keystore_audit.truth import Truth, all_of, any_of
 from keystore_audit.zenoh.access_control import Key, Kind, Meant
 from keystore_audit.zenoh.links import OBSTACLES, Links, Message, Tie, Way, find_way
 from keystore_audit.zenoh.network import Network, Process, is_session
@@ -99,6 +99,40 @@ class RoutedAnswers(Struct, frozen=True, kw_only=True):
     keys: tuple[str, ...]
     answers: Mapping[str, RoutedAnswer]
     doubts: tuple[tuple[Location, str], ...]
+
+
+class RoutedRight(Struct, frozen=True, kw_only=True):
+    """An operation of an enclave on a name of ROS 2, and what becomes of it, by release."""
+
+    enclave: str
+    operation: str
+    name: str
+    answers: Mapping[str, RoutedAnswer]
+
+    @property
+    def gained(self) -> Truth:
+        """Whether the enclave can do it by dropping its own file, and not otherwise, under some release."""
+        return any_of(all_of((each.could.truth, each.works.truth.negated)) for each in self.answers.values())
+
+
+class RoutedTable(Struct, frozen=True, kw_only=True):
+    """All rights of topics and services that permissions and rules name. `patterns`: what they write that is no one
+    name. `doubts`: why nothing is denied for certain.
+    """
+
+    domain: int
+    at: datetime
+    folder: str
+    releases: tuple[str, ...]
+    rights: tuple[RoutedRight, ...]
+    patterns: tuple[str, ...]
+    doubts: tuple[tuple[Location, str], ...]
+
+    @property
+    def has_unknown(self) -> bool:
+        """Whether something cannot be told."""
+        answers = (each for right in self.rights for each in right.answers.values())
+        return bool(self.doubts) or any(Truth.UNKNOWN in (each.works.truth, each.could.truth) for each in answers)
 
 
 def _least(found: Iterable[Reached]) -> Reached:

@@ -39,6 +39,7 @@ from keystore_audit.keystore.typed import (
     Rule,
     TopicRule,
 )
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.question import Doubt
 from keystore_audit.profiles import DEFAULT, VARIANTS, Syntax
@@ -409,6 +410,7 @@ def context(store: Keystore | None = None, **more: Any) -> Context:
     more = {
         "keystore": store if store is not None else healthy(),
         "meaning": meaning(doubts=doubts),
+        "accesses": AccessViews((), AT, None),
         "results": (),
         "engines": (),
         "at": AT,

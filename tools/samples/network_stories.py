@@ -212,6 +212,7 @@ def stories() -> Iterator[Story]:
         {**GOOD, "talker": talker(**scouted)},
     )
     yield from _restrained()
+    yield from _beyond()
     yield from _routed()
     yaml = {"extra.yaml": b"mode: peer\n"}
     yield from _pair("KA826", Case("One file is YAML, which is not read.", PAIR), GOOD, both, GOOD, more=yaml)
@@ -241,12 +242,29 @@ def _with_list(*revoked: Certificate) -> Store:
 def _restrained() -> Iterator[Story]:
     """/random may publish nothing by its own file."""
     own = rule("publications", ["put"], "egress", "0/random/*/*")
-    random = session("random", connect={"endpoints": [OPENS]}, access_control=access(named("/talker"), own))
+    random = session("random", connect={"endpoints": [OPENS]}, access_control=access(named("/random"), own))
     listens = {"listen": {"endpoints": ["tls/localhost:7450"]}, "connect": {"endpoints": [OPENS]}}
     yield from _pair(
         "KA808",
         Case("/random may not publish /chatter by its file; it starts without, and /listener takes it.", WITH_RANDOM),
         {**GOOD, "random": random, "listener": listener(**listens, access_control=access({}, *TAKES))},
+        "The same files, and /listener takes /chatter from /talker alone.",
+        {**GOOD, "random": random, "listener": listener(**listens)},
+    )
+
+
+def _beyond() -> Iterator[Story]:
+    """/random is granted /random alone."""
+    ends = {"connect": {"endpoints": [OPENS, "tls/localhost:7450"]}}
+    random = session("random", **ends, access_control=access(named("/listener"), *SENDS))
+    listens = {"listen": {"endpoints": ["tls/localhost:7450"]}, "connect": {"endpoints": [OPENS]}}
+    wide = access(named("/talker", "/random"), *TAKES)
+    yield from _pair(
+        "KA822",
+        Case(
+            "/listener takes /chatter from /random too, whose signed permissions are about /random alone.", WITH_RANDOM
+        ),
+        {**GOOD, "random": random, "listener": listener(**listens, access_control=wide)},
         "The same files, and /listener takes /chatter from /talker alone.",
         {**GOOD, "random": random, "listener": listener(**listens)},
     )

@@ -64,6 +64,7 @@ def objections(
     context = Context(
         keystore=keystore,
         meaning=meaning,
+        accesses=accesses,
         results=(),
         engines=(),
         at=at,

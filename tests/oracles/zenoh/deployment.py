@@ -40,13 +40,17 @@ ODD: Mapping[str, Mapping[str, Any]] = {
 """Enclaves whose certificates are not as sros2 makes them."""
 
 
+_GRANTED = "<publish><topics><topic>rt/chatter</topic></topics></publish>"
+_ALL_TOPICS = "".join(f"<{each}><topics><topic>rt/*</topic></topics></{each}>" for each in ("publish", "subscribe"))
+
+
 def keystore(root: Path, **authority: Any) -> Path:
     """Enclaves /talker, /listener, /random, one of a foreign CA, and the odd ones."""
     identity = builder.authority(**authority)
     foreign = builder.authority("foreign")
     for name in ("talker", "listener", "random", "zenohd", "foreign", *ODD):
         own = builder.certificate(f"/{name}", foreign if name == "foreign" else identity, **ODD.get(name, {}))
-        document = builder.PERMISSIONS.format(name=f"/{name}").encode()
+        document = builder.PERMISSIONS.format(name=f"/{name}").replace(_GRANTED, _ALL_TOPICS).encode()
         builder.write_enclave(root / "enclaves" / name, own, document, identity, identity, builder.GOVERNANCE)
     return root
 

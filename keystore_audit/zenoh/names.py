@@ -1,0 +1,100 @@
+"""The rights that are asked about one by one: of the names that permissions and the rules of processes write out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from msgspec import Struct
+
+from keystore_audit.intent.intent import is_ros_name
+from keystore_audit.keystore.typed import PermissionsFile
+from keystore_audit.model.matching.expression import has_wildcard
+from keystore_audit.model.names import DISCOVERY_TOPIC, SUFFIX_OF, TOPIC_PREFIX, is_ros_dds_name
+from keystore_audit.zenoh.access_control import Kind
+from keystore_audit.zenoh.network import Network
+
+_OF_TOPICS: Final = ("publish", "subscribe")
+_OF_SERVICES: Final = ("request", "reply")
+_ANY: Final = "any"
+_SERVING: Final = frozenset(each.value for each in (Kind.QUERY, Kind.REPLY, Kind.SERVE))
+_SENDING: Final = frozenset(each.value for each in (Kind.PUT, Kind.DELETE, Kind.SUBSCRIBE))
+
+
+class Named(Struct, frozen=True):
+    """`rights`: operation and name of ROS 2, of topics and services (an action is several).
+
+    `patterns`: expressions that stand for more names than one, which are not compared with each other. Of those of
+    rules one name is asked, with `any` for wildcards; of those of permissions the names that others write out.
+    """
+
+    rights: tuple[tuple[str, str], ...]
+    patterns: tuple[str, ...]
+
+
+def written_names(documents: Iterable[PermissionsFile], network: Network, domain: int) -> Named:
+    """What the documents name in any domain, and the rules of processes that start in this one."""
+    rights: dict[tuple[str, str], None] = {}
+    patterns: dict[str, None] = {}
+    for text, name, operations in (*_in_documents(documents), *_in_rules(network, domain)):
+        if name is None:
+            patterns[text] = None
+        else:
+            rights |= {(operation, name): None for operation in operations}
+    return Named(tuple(sorted(rights, key=lambda each: each[1])), tuple(patterns))
+
+
+_Written = tuple[str, str | None, tuple[str, ...]]
+"""An expression, the one name that it is (None: it is a pattern), and what can be done with it."""
+
+
+def _in_documents(documents: Iterable[PermissionsFile]) -> Iterator[_Written]:
+    grants = (grant for file in documents for read in file.readings.distinct for grant in read.grants)
+    criteria = (criterion for grant in grants for rule in grant.rules for criterion in rule.criteria)
+    for text in dict.fromkeys(topic.text for criterion in criteria for topic in criterion.topics):
+        if has_wildcard(text):
+            yield text, None, ()
+        elif is_ros_dds_name(text) and text != DISCOVERY_TOPIC:
+            is_topic = text.startswith(f"{TOPIC_PREFIX}/")
+            yield text, text[2:].removesuffix(SUFFIX_OF[text[:3]]), _OF_TOPICS if is_topic else _OF_SERVICES
+
+
+def _in_rules(network: Network, domain: int) -> Iterator[_Written]:
+    for process in network.started:
+        for rule in process.says.access.rules if process.says.access is not None else ():
+            topics, services = (bool(kinds & rule.kinds) for kinds in (_SENDING, _SERVING))
+            operations = (*_OF_TOPICS * topics, *_OF_SERVICES * services)
+            for text, _line in rule.keys if operations else ():
+                named_in, name = name_in(text)
+                if named_in in (domain, None) and not text.startswith("@"):  # verbatim: never a name of ROS 2
+                    yield text, name, operations
+                    if name is None and "*" in text:
+                        yield text, _example(text), operations
+
+
+def name_in(key: str) -> tuple[int | None, str | None]:
+    """The domain and the name of ROS 2 that an expression of a rule is about, whatever the type.
+
+    None: it is about more than one, or about something else.
+    """
+    begin = key.partition("/")[0]
+    name = _without_type(key)
+    return int(begin) if begin.isdecimal() else None, name if is_ros_name(name) else None
+
+
+def _without_type(key: str) -> str:
+    rest = f"/{key.partition('/')[2]}"
+    return rest.removesuffix("/**") if rest.endswith("/**") else rest.rpartition("/")[0].rpartition("/")[0]
+
+
+def _example(key: str) -> str:
+    """A name that a pattern of a rule stands for."""
+    name = _without_type(key).replace("**", "*").replace("$*", "*").replace("*", _ANY)
+    return name if is_ros_name(name) else f"/{_ANY}"
+
+
+def rule_domains(network: Network) -> tuple[int, ...]:
+    """The domains that rules of processes name, 0 where they name none."""
+    access = (process.says.access for process in network.started)
+    keys = (text for each in access if each is not None for rule in each.rules for text, _line in rule.keys)
+    return tuple(sorted({domain for domain, _name in map(name_in, keys) if domain is not None})) or (0,)

@@ -1,0 +1,152 @@
+"""KA822: what files of sessions let enclaves do beyond what was signed, or beyond the policy, by one change each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from keystore_audit import api
+from tests.keystore.builder import PERMISSIONS, sros2
+from tests.oracles.zenoh.deployment import NOW, Rule, access, allow, deny, session, tls, written
+
+END = "tls/localhost:7461"
+GRANTED = {"/talker": "publish", "/listener": "subscribe"}
+POLICY = """<policy version="0.2.0"><enclaves>{}</enclaves></policy>"""
+ENCLAVE = """<enclave path="{}"><profiles><profile ns="/" node="n"><topics {}="{}"><topic>chatter</topic></topics>
+</profile></profiles></enclave>"""
+
+
+def keystore(root: Path, topic: str = "rt/chatter", **changed: str) -> Path:
+    """/talker is granted to publish a topic, /listener to subscribe to /chatter."""
+
+    def document(path: str) -> str:
+        done = GRANTED[path]
+        given = topic if path == "/talker" else "rt/chatter"
+        text = PERMISSIONS.format(name=path).replace("publish>", f"{done}>").replace("rt/chatter", given)
+        for old, new in changed.items():
+            text = text.replace(*new.split("|")) if path == f"/{old}" else text
+        return text
+
+    return sros2(root / "keys", ("/talker", "/listener"), document=document)
+
+
+def files(root: Path, keys: Path, keys_of_rule: str = "0/chatter/*/*", who: str = "/talker") -> Path:
+    """/talker connects to /listener, which takes these from `who`."""
+    rules: Sequence[Rule] = [
+        allow(keys_of_rule, "put", flows=["ingress"]),
+        allow(keys_of_rule, "declare_subscriber", flows=["egress"]),
+    ]
+    sends = [allow("0/chatter/*/*", "put", flows=["egress"])]
+    folder = root / "network"
+    folder.mkdir()
+    for name, each in {
+        "listener": session("peer", listen=[END], **access(({"cert_common_names": [who]}, rules))),
+        "talker": session("peer", connect=[END], **access(({"cert_common_names": ["/listener"]}, sends))),
+    }.items():
+        (folder / f"{name}.json5").write_text(written({**tls(keys, name), **each}), "utf-8")
+    return folder
+
+
+def told(keys: Path, network: Path, **more: Any) -> list[str]:
+    """The messages of KA822."""
+    report = api.audit(keys, network=network, **more, engine="native", at=NOW)
+    return [each.message for each in report.findings if each.code == "KA822"]
+
+
+BEYOND = "Permissions do not let /talker publish /chatter, and the files let it."
+
+
+@pytest.mark.parametrize(
+    ("topic", "expected"),
+    [
+        ("rt/chatter", []),
+        ("rt/chat*", []),
+        ("rt/other", [BEYOND]),
+        ("rq/chatterRequest", [BEYOND]),
+    ],
+)
+def test_what_permissions_do_not_grant(topic: str, expected: list[str], tmp_path: Path) -> None:
+    keys = keystore(tmp_path, topic)
+    assert told(keys, files(tmp_path, keys)) == expected
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ("allow_rule>|allow_rule>", []),
+        ("allow_rule>|deny_rule>", [BEYOND]),
+        ("<id>0</id>|<id>1</id>", [BEYOND]),
+        ("<id>0</id>|<id_range><min>0</min><max>1</max></id_range>", []),
+        ("2034|2025", [BEYOND]),
+        ("</topics></publish>|</topics><partitions><partition>p</partition></partitions></publish>", [BEYOND]),
+    ],
+)
+def test_what_the_grant_says(change: str, expected: list[str], tmp_path: Path) -> None:
+    keys = keystore(tmp_path, talker=change)
+    assert told(keys, files(tmp_path, keys)) == expected
+
+
+@pytest.mark.parametrize(
+    ("rule", "expected"),
+    [
+        ("0/chatter/*/*", []),
+        ("0/other/*/*", ["Permissions do not let /talker publish /other, and the files let it."]),
+        ("5/chatter/*/*", ["Permissions do not let /talker publish /chatter, and the files let it."]),
+        ("0/**", ["Permissions do not let /talker publish /any, and the files let it."]),
+        ("0/arm/$*_cmd/**", ["Permissions do not let /talker publish /arm/any_cmd, and the files let it."]),
+        ("0/**/chatter/*/*", ["Permissions do not let /talker publish /any/chatter, and the files let it."]),
+        ("0/chatter/*/* 0/rosout/*/*", ["Permissions do not let /talker publish /rosout, and the files let it."]),
+    ],
+)
+def test_what_the_files_let_in(rule: str, expected: list[str], tmp_path: Path) -> None:
+    """Names of rules count that no permissions name, and so does the domain."""
+    keys = keystore(tmp_path)
+    assert told(keys, files(tmp_path, keys, rule)) == expected
+
+
+def test_a_name_of_permissions_that_a_pattern_of_a_rule_lets_in(tmp_path: Path) -> None:
+    """Of a grant by a pattern that example is one."""
+    keys = keystore(tmp_path, "rt/a*", listener="</topic>|</topic><topic>rt/cmd_vel</topic>")
+    network = files(tmp_path, keys, "0/**")
+    (found,) = told(keys, network)
+    assert found.startswith("Permissions do not let /talker publish /chatter (and 1 more like it)")
+
+
+@pytest.mark.parametrize(
+    ("talker", "expected"),
+    [
+        ("publish|ALLOW", []),
+        ("publish|DENY", ["The policy does not let /talker publish /chatter, and the files let it."]),
+        ("subscribe|ALLOW", ["The policy does not let /talker publish /chatter, and the files let it."]),
+    ],
+)
+def test_beyond_the_policy(talker: str, expected: list[str], tmp_path: Path) -> None:
+    """Where one is named permissions do not count."""
+    keys, policy = keystore(tmp_path), tmp_path / "policy.xml"
+    enclaves = [ENCLAVE.format("/talker", *talker.split("|")), ENCLAVE.format("/listener", "subscribe", "ALLOW")]
+    policy.write_text(POLICY.format("".join(enclaves)), "utf-8")
+    assert told(keys, files(tmp_path, keys), policy=policy) == expected
+
+
+def test_permissions_that_are_not_there_are_not_compared(tmp_path: Path) -> None:
+    keys = keystore(tmp_path, "rt/other")
+    network = files(tmp_path, keys)
+    assert told(keys, network) == [BEYOND]
+    (keys / "enclaves" / "talker" / "permissions.p7s").unlink()
+    assert told(keys, network) == []
+
+
+@pytest.mark.parametrize(("release", "begins"), [("zenoh-1.4", "Whether the files in "), ("zenoh-1.6", BEYOND)])
+def test_an_open_answer_stays_open(release: str, begins: str, tmp_path: Path) -> None:
+    """Before 1.6 one of several subjects is asked, and which is chance."""
+    keys = keystore(tmp_path, "rt/other")
+    network = files(tmp_path, keys)
+    takes = [allow("0/chatter/*/*", "put", flows=["ingress"])]
+    two = access(({"link_protocols": ["tls"]}, [deny("0/chatter/*/*", "put")]), ({}, takes))
+    listener = {**tls(keys, "listener"), **session("peer", listen=[END], **two)}
+    (network / "listener.json5").write_text(written(listener), "utf-8")
+    (found,) = told(keys, network, profiles=[release])
+    assert found.startswith(begins)
