@@ -160,10 +160,6 @@ def routed(
     )
 
 
-MAX_RIGHTS: Final = 2_000
-"""Rights in a network that are asked one by one: about a minute."""
-
-
 def routed_table(
     path: str | os.PathLike[str], folder: Path, given: Circumstances, releases: Sequence[Release]
 ) -> RoutedTable:
@@ -172,7 +168,7 @@ def routed_table(
     Raises errors.NothingToAudit where there is no keystore or no such file, errors.BudgetExceeded for too many rights.
     """
     from keystore_audit.zenoh.answers import Rights, RoutedRight, RoutedTable
-    from keystore_audit.zenoh.names import written_names
+    from keystore_audit.zenoh.names import MAX_RIGHTS, written_names
     from keystore_audit.zenoh.network import read_network
 
     keystore, domain = given.keystore(path), given.domain or 0

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache, reduce
 from itertools import islice
+from operator import and_
 from typing import Final
 
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location, Severity, decision
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.model.access_view import AccessViews
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.channels import Point, document_channels
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.intended.drift_rights import policy_grant
 from keystore_audit.model.matching.expression import any_matches
 from keystore_audit.model.names import Use, dds_channels
 from keystore_audit.profiles import Matcher, facts
-from keystore_audit.rules.network_access import MAX_ASKED, NAMED
+from keystore_audit.rules.network_access import NAMED
 from keystore_audit.rules.registry import Context, Violation, more_like, rule
 from keystore_audit.truth import Truth, any_of
 from keystore_audit.zenoh.answers import Rights
-from keystore_audit.zenoh.names import rule_domains, written_names
+from keystore_audit.zenoh.names import MAX_RIGHTS, rule_domains, written_names
 from keystore_audit.zenoh.network import Network, is_session
 
 Granted = Callable[[Enclave, Sequence[Use]], Truth]
@@ -42,11 +45,15 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
     Asked of topics and services that permissions or rules name, in the domains that rules name (else 0), and of one
     name (`any` for wildcards) of each pattern of a rule. Rights by patterns are granted like others; patterns are not
     compared with patterns. Routers, which pass on what comes, and enclaves without permissions (where no policy is
-    named) are not compared. Of more than 500 rights it stays open.
+    named) are not compared. Of more than 2,000 rights it stays open.
     """
     rights, told, places, doubtful = Rights(network), list[str](), dict[Location, None](), False
-    asked = [*islice(_not_granted(network, context), MAX_ASKED + 1)]
-    for (enclave, operation, name, domain), granted in asked[:MAX_ASKED]:
+    try:
+        asked = [*islice(_not_granted(network, context), MAX_RIGHTS + 1)]
+    except BudgetExceeded as exceeded:
+        yield Violation(f"Not compared with what was granted: {exceeded.message}", (), undecided=True, key="budget")
+        return
+    for (enclave, operation, name, domain), granted in asked[:MAX_RIGHTS]:
         answers = [rights.answer(enclave, operation, name, domain, each) for each in context.releases]
         reached = [way for each in answers for way in (each.could, each.works) if way.truth is Truth.YES]
         truth = Truth.YES if reached else any_of(each.could.truth for each in answers)
@@ -59,8 +66,8 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
         yield Violation(
             f"{whose} not let {told[0]}{more_like(told)}, and the files let it.", [*places], key="\n".join(sorted(told))
         )
-    elif len(asked) > MAX_ASKED:
-        message = f"Only {MAX_ASKED} rights beyond what was granted were asked about in {network.path}."
+    elif len(asked) > MAX_RIGHTS:
+        message = f"Only {MAX_RIGHTS} rights beyond what was granted were asked about in {network.path}."
         yield Violation(message, (), undecided=True, key="more")
     elif doubtful and not rights.doubts:  # these are a finding of their own
         message = f"Whether the files in {network.path} let more than was granted cannot be told."
@@ -112,19 +119,20 @@ def _by_permissions(context: Context, uses: Sequence[Sequence[Use]], domain: int
     channels = document_channels(accesses.by_row(context.profiles, files), points, opened=True)
     rights = LocalRights(accesses, channels, context.at)
 
+    @cache
+    def given(enclave: Enclave, operation: Operation) -> int:
+        each = (rights.peer_authorised(enclave, profile, operation) for profile in context.profiles)
+        return reduce(and_, each)
+
+    @cache
+    def silent(enclave: Enclave) -> bool:
+        file = enclave.permissions
+        return file is not None and any(accesses.read(file, row).is_silent for row in accesses.rows(context.profiles))
+
     def granted(enclave: Enclave, needed: Sequence[Use]) -> Truth:
-        if _is_silent(accesses, enclave, context):
+        if silent(enclave):
             return Truth.UNKNOWN
-        every = (
-            rights.peer_authorised(enclave, profile, operation) >> channels.of_point(domain, numbers[topic]) & 1
-            for operation, topic in needed
-            for profile in context.profiles
-        )
+        every = (given(enclave, use) >> channels.of_point(domain, numbers[topic]) & 1 for use, topic in needed)
         return Truth.YES if all(every) else Truth.NO
 
     return granted
-
-
-def _is_silent(accesses: AccessViews, enclave: Enclave, context: Context) -> bool:
-    file = enclave.permissions
-    return file is not None and any(accesses.read(file, row).is_silent for row in accesses.rows(context.profiles))

@@ -14,6 +14,9 @@ from keystore_audit.model.names import DISCOVERY_TOPIC, SUFFIX_OF, TOPIC_PREFIX,
 from keystore_audit.zenoh.access_control import Kind
 from keystore_audit.zenoh.network import Network
 
+MAX_RIGHTS: Final = 2_000
+"""Rights that are asked one by one: some 15 seconds among 40 processes."""
+
 _OF_TOPICS: Final = ("publish", "subscribe")
 _OF_SERVICES: Final = ("request", "reply")
 _ANY: Final = "any"
