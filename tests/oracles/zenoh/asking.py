@@ -42,12 +42,15 @@ def real(case: Case, python: str = sys.executable, patience: int = 1) -> str:
 def real_answers(cases: Sequence[Case], expected: Mapping[str, str]) -> dict[str, str]:
     """Those of all cases, several processes at a time.
 
-    A busy machine may be late: where something is expected to come and does not, it is asked again alone, patiently.
+    A busy machine may be late: where something is expected to come and does not, it is asked again alone, more and more
+    patiently.
     """
     with ThreadPoolExecutor(TOGETHER) as pool:
         answers = dict(zip((case.name for case in cases), pool.map(real, cases), strict=True))
-    late = [case for case in cases if expected[case.name] == "yes" != answers[case.name]]
-    return answers | {case.name: real(case, patience=4) for case in late}
+    for patience in (4, 8, 16):
+        late = [case for case in cases if expected[case.name] == "yes" != answers[case.name]]
+        answers |= {case.name: real(case, patience=patience) for case in late}
+    return answers
 
 
 _MESSAGES: dict[str, Callable[[Key, Key], tuple[Message, ...]]] = {
