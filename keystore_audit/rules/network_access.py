@@ -27,8 +27,9 @@ MAX_ASKED: Final = 500
 """Rights that are asked about without the own file: a few seconds."""
 
 NAMED: Final = (
-    "In every file, give policies subjects with the cert_common_names of the enclaves that may do it, for what comes "
-    "in as for what goes out; or make all sessions clients, without listen endpoints, of one router with such rules."
+    f"`keystore-audit suggest KEYSTORE --as {facts.NETWORK_FORM} --router ENCLAVE -o DIR` writes files that hold: all "
+    "sessions are clients of one router, whose rules name certificates. By hand: in every file, give policies subjects "
+    "with cert_common_names, for what comes in and for what goes out."
 )
 
 
