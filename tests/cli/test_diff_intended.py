@@ -33,7 +33,7 @@ def stores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(keystores, "authority", cache(authority))
     identities = cache(lambda path: certificate(path, authorities("identityCA")))
     authorities = keystores.authority
-    monkeypatch.setattr(keystores, "certificate", lambda path, _issuer: identities(path))
+    monkeypatch.setattr(keystores, "certificate", lambda path, _issuer, **_none: identities(path))
 
     def made(name: str, *topics: str) -> Path:
         return publishing(tmp_path / name, *topics)
