@@ -76,7 +76,7 @@ def signed_keystore(
     root: Path, documents: Mapping[str, bytes], *, governance: bytes = GOVERNANCE, host: str | None = None
 ) -> Path:
     """A keystore of two authorities whose enclaves have these permissions, and certificates for a host."""
-    names = [(x509.SubjectAlternativeName([x509.DNSName(host)]), False)] if host is not None else []
+    names = ((x509.SubjectAlternativeName([x509.DNSName(host)]), False),) if host is not None else ()
     identity, permissions = authority("identityCA"), authority("permissionsCA")
     for path, document in documents.items():
         own = certificate(path, identity, extensions=names)
