@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from keystore_audit.assumptions import Assumption
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.engines import NATIVELY, Engines, ask_alloy, combine, combine_claims
+from keystore_audit.engine.engines import NATIVELY, AskedSystems, Engines, ask_alloy, combine, combine_claims
 from keystore_audit.engine.native import NativeEngine, shared_identities, shared_subjects
 from keystore_audit.engine.needs import with_sessions
 from keystore_audit.errors import BudgetExceeded, EngineOutOfScale
@@ -99,7 +99,7 @@ def _disagreements(
     """
     failing = {(each.prop.id, profile) for each in passages for profile in each.profiles}
     undecided = {each.prop.id for each in passages if each.status is Status.UNKNOWN}
-    for name in becomes.keys() - undecided.union(alone):
+    for name in (each for each in becomes if each not in undecided.union(alone)):
         staying = {*_under(was[name], Status.HOLDS)}.intersection(_under(becomes[name], Status.HOLDS))
         if apart := sorted(each for each in staying if (name in told[each]) != ((name, each) in failing)):
             yield Passage(prop=becomes[name].prop, profiles=tuple(apart), reason="the engines disagree")
@@ -163,10 +163,8 @@ class _States:
         systems, _assumed = self._systems(self._way.keystore(self._every), checked=False)
         with analyzer_of(engine, engines.timeout) as analyzer:
             told = failing([choice(self._way, each) for each in systems], analyzer)
-        of = {
-            profile: [n for n, each in enumerate(systems) if profile in each.profiles] for profile in self._given.names
-        }
-        return {profile: frozenset[str]().union(*(told[n] for n in numbers)) for profile, numbers in of.items()}
+        kind = AskedSystems(systems, {}, self._given.names).kind
+        return {name: frozenset[str]().union(*(told[n] for n in kind(name))) for name in self._given.names}
 
     def passages(self, was: PropertyResult, becomes: PropertyResult) -> Iterator[Passage]:
         """Where a property fails that `becomes` so in NEW, and under some profiles `was` so in OLD."""
