@@ -61,10 +61,7 @@ class Access:
 
     def enclave(self, path: str) -> Enclave:
         """The enclave of that path. Raises UsageError, with the nearest one, for an unknown path."""
-        found = self._enclaves.get(path)
-        if found is None:
-            raise UsageError(_unknown_enclave(path, sorted(self._enclaves)))
-        return found
+        return _named(path, self._enclaves)
 
     def governed(self, path: str) -> tuple[Interval, ...]:
         """The domains that the enclave's governance covers; none where it was not read."""
@@ -123,8 +120,11 @@ class Access:
         )
 
 
-def _unknown_enclave(path: str, known: Sequence[str]) -> str:
-    return f"There is no enclave {path!r}.{meant(path, known)} Known: {some(known, MAX_KNOWN)}."
+def _named(path: str, enclaves: Mapping[str, Enclave]) -> Enclave:
+    if path not in enclaves:
+        known = sorted(enclaves)
+        raise UsageError(f"There is no enclave {path!r}.{meant(path, known)} Known: {some(known, MAX_KNOWN)}.")
+    return enclaves[path]
 
 
 def routed(
@@ -143,9 +143,7 @@ def routed(
 
     keystore = given.keystore(path)
     named, operation, name = words
-    enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
-    if named not in enclaves:
-        raise UsageError(_unknown_enclave(named, sorted(enclaves)))
+    enclave = _named(named, {each.path: each for each in reversed(keystore.enclaves)})
     rights, domain = Rights(read_network(folder, keystore, given.at)), given.domain or 0
     return RoutedAnswers(
         enclave=named,
@@ -155,7 +153,7 @@ def routed(
         at=given.at,
         folder=os.fspath(folder),
         keys=tuple(plain(key) for _role, key in channels(operation, name, domain)),
-        answers={each.name: rights.answer(enclaves[named], operation, name, domain, each) for each in releases},
+        answers={each.name: rights.answer(enclave, operation, name, domain, each) for each in releases},
         doubts=rights.doubts,
     )
 

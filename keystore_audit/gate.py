@@ -25,7 +25,7 @@ from keystore_audit.rules.judge import Judgement
 from keystore_audit.rules.registry import Context
 from keystore_audit.settings.suppressions import MAX_DAYS, Suppression, check_codes, check_dates, first_end, limited
 from keystore_audit.text import shorten, terminal
-from keystore_audit.zenoh.answers import Rights
+from keystore_audit.zenoh.answers import rights_in
 
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
@@ -50,7 +50,7 @@ def complete(context: Context, judgement: Judgement) -> bool:
     return (
         bool(context.results)
         and not meaning.doubts
-        and (context.network is None or not Rights(context.network).doubts)
+        and (context.network is None or not rights_in(context.network).doubts)
         and meaning.over_budget is None
         and all(run.status is EngineStatus.OK for run in context.engines if run.required)
         and all(result.status is not Status.UNKNOWN for result in context.results)

@@ -11,7 +11,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.profiles import facts
 from keystore_audit.rules.registry import Context, Violation, listed, more_like, quoted, rule
 from keystore_audit.truth import Truth
-from keystore_audit.zenoh.answers import Rights
+from keystore_audit.zenoh.answers import rights_in
 from keystore_audit.zenoh.configuration import PROTOCOLS, SECURED, Endpoint, Mode
 from keystore_audit.zenoh.links import alternative_names, fits
 from keystore_audit.zenoh.network import CONNECTING, LISTENING, Network, Process, usability
@@ -294,7 +294,7 @@ def network_unclear(network: Network) -> Iterator[Violation]:
     Files in YAML, plugins and bridges, links that are no hosts and ports, names and passwords, several addresses of one
     endpoint, namespaces, and processes that connect to where none of the folder listens.
     """
-    for place, why in Rights(network).doubts:
+    for place, why in rights_in(network).doubts:
         yield Violation(f"Cannot be told: {why}.", (place,), undecided=True, key=why)
 
 

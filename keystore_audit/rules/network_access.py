@@ -15,7 +15,7 @@ from keystore_audit.text import meant
 from keystore_audit.truth import Truth
 from keystore_audit.zenoh.access_control import AccessControl, Flow, Kind, Subject
 from keystore_audit.zenoh.access_control import Rule as Written
-from keystore_audit.zenoh.answers import Reached, Rights
+from keystore_audit.zenoh.answers import Reached, Rights, rights_in
 from keystore_audit.zenoh.configuration import Mode
 from keystore_audit.zenoh.names import name_in
 from keystore_audit.zenoh.network import Network, Process, common_name, is_session
@@ -156,7 +156,7 @@ def file_restrains_only_its_owner(network: Network, context: Context) -> Iterato
     has the key of one is not told here. Asked of 500 rights that rules name; where
     there are more, and none of those is one, it stays open.
     """
-    rights, told, places = Rights(network), list[str](), dict[Location, None]()
+    rights, told, places = rights_in(network), list[str](), dict[Location, None]()
     asked = [*islice(_asked(network, context), MAX_ASKED + 1)]
     for enclave, does, operation, key in asked[:MAX_ASKED]:
         reaching = (_dropping(rights, enclave, operation, key, release) for release in context.releases)

@@ -21,7 +21,7 @@ from keystore_audit.profiles import Matcher, facts
 from keystore_audit.rules.network_access import NAMED
 from keystore_audit.rules.registry import Context, Violation, more_like, rule
 from keystore_audit.truth import Truth, any_of
-from keystore_audit.zenoh.answers import Rights
+from keystore_audit.zenoh.answers import rights_in
 from keystore_audit.zenoh.names import MAX_RIGHTS, rule_domains, written_names
 from keystore_audit.zenoh.network import Network, is_session
 
@@ -47,7 +47,7 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
     compared with patterns. Routers, which pass on what comes, and enclaves without permissions (where no policy is
     named) are not compared. Of more than 2,000 rights it stays open.
     """
-    rights, told, places, doubtful = Rights(network), list[str](), dict[Location, None](), False
+    rights, told, places, doubtful = rights_in(network), list[str](), dict[Location, None](), False
     try:
         asked = [*islice(_not_granted(network, context), MAX_RIGHTS + 1)]
     except BudgetExceeded as exceeded:

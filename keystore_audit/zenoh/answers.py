@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import islice
 from typing import Final
 
@@ -214,6 +214,12 @@ class Rights:
             wide |= {text: None for rule in rules for text, _line in rule.keys if rule.allow and intersects(text, key)}
         yield from (Key(text, Meant.ONE) for text in islice(wide, MAX_WIDE))
         yield Key(key, Meant.ANY)
+
+
+@lru_cache(maxsize=1)
+def rights_in(network: Network) -> Rights:
+    """Those in a network, whose links all that ask in one audit share."""
+    return Rights(network)
 
 
 def _told(truth: Truth, way: Way, tie: Tie, messages: Sequence[Message], release: Release) -> Reached:
