@@ -82,8 +82,8 @@ def in_scope(
     for word in (*middleware, *names):
         if not routed and (word in ROUTING or word in ROUTED):
             raise UsageError(
-                f"{word!r}: no permissions of a keystore bind rmw_zenoh; name its files with --zenoh DIR, which audit "
-                "and can take."
+                f"{word!r}: no permissions of a keystore bind rmw_zenoh; name its files with --zenoh DIR, which audit, "
+                "can and access take."
             )
     chosen = releases(names)
     middleware = [word for word in middleware if word not in ROUTING]

@@ -54,7 +54,7 @@ def _when(each: Passage) -> str:
     if each.lasting:
         until = f" (until {each.until})" if each.until else ""
         return f"{begun}, and then as long as what was signed before is valid{until}"
-    return f"{begun} and before that of {some(each.waiting, MAX_ENCLAVES)}" if each.waiting else begun
+    return f", for one,{begun} and before that of {some(each.waiting, MAX_ENCLAVES)}" if each.waiting else begun
 
 
 def json(answer: RollingAnswer) -> str:
