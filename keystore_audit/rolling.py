@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from keystore_audit.assumptions import Assumption
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.engines import NATIVELY, AskedSystems, Engines, ask_alloy, combine, combine_claims
+from keystore_audit.engine.engines import NATIVELY, Engines, ask_alloy, combine, combine_claims, readings_of
 from keystore_audit.engine.native import NativeEngine, shared_identities, shared_subjects
 from keystore_audit.engine.needs import with_sessions
 from keystore_audit.errors import BudgetExceeded, EngineOutOfScale
@@ -163,8 +163,10 @@ class _States:
         systems, _assumed = self._systems(self._way.keystore(self._every), checked=False)
         with analyzer_of(engine, engines.timeout) as analyzer:
             told = failing([choice(self._way, each) for each in systems], analyzer)
-        kind = AskedSystems(systems, {}, self._given.names).kind
-        return {name: frozenset[str]().union(*(told[n] for n in kind(name))) for name in self._given.names}
+        return {
+            name: frozenset[str]().union(*(told[number] for number in readings_of(systems, name)))
+            for name in self._given.names
+        }
 
     def passages(self, was: PropertyResult, becomes: PropertyResult) -> Iterator[Passage]:
         """Where a property fails that `becomes` so in NEW, and under some profiles `was` so in OLD."""

@@ -200,9 +200,11 @@ def combine_claims(
             claim.id, lambda at, answer: describe_claim(systems[at], systems[at].claims[number], answer)
         )
         if claim.kind is ClaimKind.NO_FLOW and claim.until is not None:
-            kinds = {asked.kind(profile): each for profile, each in results.items() if each.status is Status.HOLDS}
+            kinds = {
+                readings_of(systems, profile): each for profile, each in results.items() if each.status is Status.HOLDS
+            }
             over = {kind: _over_time(number, kind, result, systems, kept) for kind, result in kinds.items()}
-            results = {profile: over.get(asked.kind(profile), result) for profile, result in results.items()}
+            results = {profile: over.get(readings_of(systems, profile), result) for profile, result in results.items()}
         return _asserted(claim, claim.attacker.value, results)
 
     return tuple(combined(number, claim) for number, claim in enumerate(claims))
@@ -238,7 +240,7 @@ def combine_falls(
         answers = {engine: [{claim.id: answer(each, names)} for each in told] for engine, told in named.items()}
         asked = AskedSystems(systems, answers, profiles)
         found = {at for told in named.values() for at, each in enumerate(told) if names in each}
-        smallest = [each for each in profiles if not engines or found.intersection(asked.kind(each))]
+        smallest = [each for each in profiles if not engines or found.intersection(readings_of(systems, each))]
         by_profile = asked._replace(profiles=smallest).by_profile(claim.id, tell)
         return tuple(sorted(names)), _asserted(claim, claim.attacker.value, by_profile)
 
@@ -275,7 +277,9 @@ def combine_determinism(
         results = asked.by_profile(
             claim.id, lambda at, answer: describe_determinism(systems[at], systems[at].determinism[number], answer)
         )
-        unknown = (asked.kind(profile) for profile, result in results.items() if result.status is Status.UNKNOWN)
+        unknown = (
+            readings_of(systems, profile) for profile, result in results.items() if result.status is Status.UNKNOWN
+        )
         undecided = next((systems[kind[0]] for kind in unknown if kind), None)
         reason = why_undecided(undecided, undecided.determinism[number]) if undecided is not None else ""
         return replace(_asserted(claim, "nobody", results), reason=reason)
@@ -297,6 +301,11 @@ def _asserted(claim: Claim | Determinism, attacker: str, results: Mapping[str, P
     )
 
 
+def readings_of(systems: Sequence[System], profile: str) -> tuple[int, ...]:
+    """The numbers of the systems that say how `profile` reads the keystore."""
+    return tuple(number for number, system in enumerate(systems) if profile in system.profiles)
+
+
 class AskedSystems(NamedTuple):
     """The systems that engines were asked about, what they said, and under which profiles it counts."""
 
@@ -306,13 +315,9 @@ class AskedSystems(NamedTuple):
 
     def by_profile(self, name: str, tell: Tell) -> dict[str, ProfileResult]:
         """The result under each profile; profiles that read the keystore alike have one."""
-        kinds = {profile: self.kind(profile) for profile in self.profiles}
+        kinds = {profile: readings_of(self.systems, profile) for profile in self.profiles}
         results = {kind: self._result(name, kind, tell) for kind in dict.fromkeys(kinds.values())}
         return {profile: results[kind] for profile, kind in kinds.items()}
-
-    def kind(self, profile: str) -> tuple[int, ...]:
-        """The systems that say how `profile` reads the keystore."""
-        return tuple(number for number, system in enumerate(self.systems) if profile in system.profiles)
 
     def _result(self, name: str, kind: tuple[int, ...], tell: Tell) -> ProfileResult:
         statuses = {

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 from msgspec.structs import replace
 
 from keystore_audit.assumptions import DOCUMENTS, IDENTITIES, WORLD, Assumption
-from keystore_audit.engine.engines import AskedSystems, Engines, ask_alloy
+from keystore_audit.engine.engines import Engines, ask_alloy, readings_of
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.keystore import Keystore
@@ -64,7 +64,7 @@ def with_needs(
     by_profile = {profile: system for system in native.systems for profile in system.profiles}
     believing = {name for name in holding if any(map(_is_announced_to, (name, *by_profile[name].others)))}
     found: list[Minimal] = []
-    for numbers, alike in grouped(holding, AskedSystems(native.systems, {}, tuple(holding)).kind).items():
+    for numbers, alike in grouped(holding, lambda profile: readings_of(native.systems, profile)).items():
         asked = _Asked(native, [native.systems[number] for number in numbers], made)
         for announced, profiles in grouped(alike, believing.__contains__).items():
             names = frozenset(name for profile in profiles for name in holding[profile])
