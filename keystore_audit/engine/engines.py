@@ -200,11 +200,9 @@ def combine_claims(
             claim.id, lambda at, answer: describe_claim(systems[at], systems[at].claims[number], answer)
         )
         if claim.kind is ClaimKind.NO_FLOW and claim.until is not None:
-            kinds = {
-                readings_of(systems, profile): each for profile, each in results.items() if each.status is Status.HOLDS
-            }
+            kinds = {readings_of(systems, name): each for name, each in results.items() if each.status is Status.HOLDS}
             over = {kind: _over_time(number, kind, result, systems, kept) for kind, result in kinds.items()}
-            results = {profile: over.get(readings_of(systems, profile), result) for profile, result in results.items()}
+            results = {name: over.get(readings_of(systems, name), result) for name, result in results.items()}
         return _asserted(claim, claim.attacker.value, results)
 
     return tuple(combined(number, claim) for number, claim in enumerate(claims))
@@ -238,10 +236,9 @@ def combine_falls(
 
     def result(names: frozenset[str]) -> FallResult:
         answers = {engine: [{claim.id: answer(each, names)} for each in told] for engine, told in named.items()}
-        asked = AskedSystems(systems, answers, profiles)
         found = {at for told in named.values() for at, each in enumerate(told) if names in each}
         smallest = [each for each in profiles if not engines or found.intersection(readings_of(systems, each))]
-        by_profile = asked._replace(profiles=smallest).by_profile(claim.id, tell)
+        by_profile = AskedSystems(systems, answers, smallest).by_profile(claim.id, tell)
         return tuple(sorted(names)), _asserted(claim, claim.attacker.value, by_profile)
 
     return tuple(map(result, sorted(every, key=lambda names: (len(names), sorted(names)))))
@@ -277,9 +274,7 @@ def combine_determinism(
         results = asked.by_profile(
             claim.id, lambda at, answer: describe_determinism(systems[at], systems[at].determinism[number], answer)
         )
-        unknown = (
-            readings_of(systems, profile) for profile, result in results.items() if result.status is Status.UNKNOWN
-        )
+        unknown = (readings_of(systems, name) for name, result in results.items() if result.status is Status.UNKNOWN)
         undecided = next((systems[kind[0]] for kind in unknown if kind), None)
         reason = why_undecided(undecided, undecided.determinism[number]) if undecided is not None else ""
         return replace(_asserted(claim, "nobody", results), reason=reason)
