@@ -181,7 +181,7 @@ def text(table: AccessTable, width: int) -> str:
     for group in others:
         page.blank()
         page.put(f"Different under {', '.join(group.profiles)}")
-        for line in differences(table, group, main, rows):
+        for line in differences(table, group, main):
             page.put(line, indent=2, hanging=4)
     page.blank()
     names = ", ".join(main.profiles)

@@ -13,7 +13,7 @@ from msgspec import Struct
 from keystore_audit.grouped import gathered
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.rights import Safeguard
-from keystore_audit.model.tables.access_rows import Row, decision_rows, label
+from keystore_audit.model.tables.access_rows import Row, label, rows_beyond
 from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group, Rights
 from keystore_audit.text import some
 from keystore_audit.truth import Truth
@@ -153,10 +153,9 @@ def _remark(safeguard: Safeguard) -> str:
     return ", ".join(remarks)
 
 
-def differences(table: AccessTable, group: Group, main: Group, rows: Sequence[Row]) -> Iterator[str]:
-    """What `group` has that the `main` one, of these rows, has not, and the other way round."""
-    own = _by_enclave(decision_rows(table, group))
-    shared = _by_enclave(rows)
+def differences(table: AccessTable, group: Group, main: Group) -> Iterator[str]:
+    """What `group` has that the `main` one has not, and the other way round."""
+    more, less = (_by_enclave(rows_beyond(table, one, two)) for one, two in ((group, main), (main, group)))
     said: dict[tuple[str, ...], list[str]] = {}
     for path, enclave in group.enclaves.items():
         other = main.enclaves[path]
@@ -164,10 +163,8 @@ def differences(table: AccessTable, group: Group, main: Group, rows: Sequence[Ro
         if (enclave.usable, enclave.reasons) != (other.usable, other.reasons):
             found.append(_start(enclave))
         if enclave.usable.must and other.usable is not Truth.UNKNOWN:
-            more = _without(own.get(path, {}), shared.get(path, {}))
-            less = _without(shared.get(path, {}), own.get(path, {}))
-            found += [f"may also {_listed(more)}"] if more else []
-            found += [f"may not {_listed(less)}"] if less else []
+            for what, beyond in (("may also", more), ("may not", less)):
+                found += [f"{what} {verbs} {_listed(names)}" for verbs, names in beyond.get(path, {}).items()]
         if found:
             said.setdefault(tuple(found), []).append(path)
     for sentences, paths in said.items():
@@ -203,18 +200,12 @@ def _start(enclave: EnclaveRights) -> str:
 
 
 def _by_enclave(rows: Iterable[Row]) -> Mapping[str, Mapping[str, Sequence[str]]]:
-    """By enclave and label: what it may do."""
-    found: dict[str, dict[str, Sequence[str]]] = {}
+    """By enclave and what it may do: where."""
+    found: dict[str, dict[str, list[str]]] = {}
     for row in rows:
         for path, words in row.cells.items():
-            found.setdefault(path, {})[row.label] = words
+            found.setdefault(path, {}).setdefault(" and ".join(words), []).append(row.label)
     return found
-
-
-def _without(held: Mapping[str, Sequence[str]], other: Mapping[str, Sequence[str]]) -> list[str]:
-    """What is held and not by the other, in words."""
-    left = {name: [word for word in words if word not in other.get(name, ())] for name, words in held.items()}
-    return [f"{' and '.join(words)} {name}" for name, words in left.items() if words]
 
 
 _PEERS: Final[tuple[tuple[Callable[[Rights], tuple[int, int]], str], ...]] = (

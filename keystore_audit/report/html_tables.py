@@ -225,5 +225,4 @@ def differing(sheet: Sheet) -> Iterator[Mapping[str, Any]]:
 
 def _in_access(table: AccessTable) -> Iterable[tuple[str, Sequence[str]]]:
     *others, main = table.groups
-    rows = decision_rows(table, main) if others else ()
-    return [(", ".join(group.profiles), [*differences(table, group, main, rows)]) for group in others]
+    return [(", ".join(group.profiles), [*differences(table, group, main)]) for group in others]

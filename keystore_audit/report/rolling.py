@@ -18,7 +18,7 @@ MAX_ENCLAVES: Final = 6
 
 _VERDICTS: Final = {
     Status.HOLDS: "PASS: what holds in OLD and in NEW holds whatever is updated first",
-    Status.VIOLATED: "FAIL: what holds does not hold while enclaves are updated, or after that",
+    Status.VIOLATED: "FAIL: what is to hold does not hold while enclaves are updated, or after that",
     Status.UNKNOWN: "UNKNOWN: not all is decided of what holds while enclaves are updated, and after that",
 }
 

@@ -200,7 +200,7 @@ def _undecided_remedy(result: PropertyResult, context: Context) -> Remedy | None
         return _WITH_ALLOY
     if isinstance(result, AssertedResult) and result.reason:  # of determinism
         return _WITH_FORWARDS
-    return None
+    return _ONE_IMPLEMENTATION if _why(result, context) == _BETWEEN else None
 
 
 def _is_ours(result: PropertyResult) -> bool:
@@ -216,6 +216,9 @@ def _undecided(result: PropertyResult) -> tuple[str, ...] | None:
     return found if found or not result.profiles else None
 
 
+_BETWEEN: Final = "whether implementations that read the keystore differently talk to each other is not known"
+
+
 def _why(result: PropertyResult, context: Context) -> str:
     if isinstance(result, UserResult) and result.reason:
         return result.reason
@@ -226,7 +229,7 @@ def _why(result: PropertyResult, context: Context) -> str:
         if lacking := {each.value for system in systems for each in WORLD - system.assumed}:
             return f"it depends on what is not assumed, {listed(sorted(lacking))}"
         if any(system.mixed for system in systems):
-            return "whether implementations that read the keystore differently talk to each other is not known"
+            return _BETWEEN
     return "no engine gave an answer"
 
 
@@ -240,6 +243,12 @@ _WITH_FORWARDS: Final = decision(
 )
 
 
+_ONE_IMPLEMENTATION: Final = decision(
+    "Let the enclaves of the way run one implementation ([enclaves] of the settings); or try the pair, and accept this "
+    "with a [[suppression]] that says so."
+)
+
+
 def _without_alloy(result: PropertyResult, context: Context) -> bool:
     """Whether nobody was asked about a property that Alloy alone decides, and there was something to ask."""
     absent = (EngineStatus.MISSING, EngineStatus.NOT_RUN)
@@ -248,8 +257,8 @@ def _without_alloy(result: PropertyResult, context: Context) -> bool:
 
 
 def _asserted(result: PropertyResult) -> tuple[Location, ...]:
-    """Where a property is asserted that is undecided for what is asserted itself."""
-    if isinstance(result, AssertedResult) and result.reason:
+    """Where a property is asserted."""
+    if isinstance(result, AssertedResult):
         return (replace(result.location, message="asserted here"),)
     return ()
 

@@ -174,6 +174,14 @@ def test_partitions_are_told(tmp_path: Path) -> None:
     assert rows == {"/chatter in partition 'left'": ["pub"]}
 
 
+def test_implementations_differ_in_what_only_one_allows(tmp_path: Path) -> None:
+    """Fast DDS stops at the first rule about a topic. What all allow is not told, in however many rows it stands."""
+    rules = (rule((), ("rt/parameter_events",)), rule((), ("*",), partition="p"))
+    _code, out = answer("access", keystore(tmp_path / "k", {"/talker": rules}), "--at", AT)
+    told = out.split("Different under")[1].split("Under all")[0]
+    assert "/talker: may also subscribe /parameter_events in partition 'p'." in " ".join(told.split())
+
+
 def test_names_that_are_the_same_when_cut_stand_in_full(tmp_path: Path) -> None:
     long = [f"rt/robot/sensors/front/{side}/camera/image_raw/compressed" for side in ("left", "right", "upper")]
     code, out = answer("access", keystore(tmp_path / "k", {"/eyes": (rule(tuple(long)),)}), "--at", AT)

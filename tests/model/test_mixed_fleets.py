@@ -172,14 +172,18 @@ def test_nobody_writes_by_a_default_of_which_its_own_implementation_makes_nothin
 def test_what_is_undecided_is_told_with_its_reason(
     runs: Mapping[str, str], lacking: tuple[Assumption, ...], why: str | None, tmp_path: Path
 ) -> None:
-    """And not that no engine gave an answer."""
+    """And not that no engine gave an answer; where it is asserted, and what would decide it."""
     claim = '[[property]]\nname = "kept"\nable = { from = "/talker", to = "/arm" }\n'
     plain = SHARED.member("/talker", permissions=permissions(grant("/talker", allow(pub("rt/chatter")))))
     root, given = plain.write(tmp_path / "keys"), settings(tmp_path / "it.toml", runs, claim)
     options = Options(at=AT, engine="native", profiles=("fastdds-3.6",), settings=given, not_assumed=lacking)
-    said = [each.message for each in audit(root, options).findings if each.code == "KA906"]
-    assert said if why else not said
-    assert all(why and why in each for each in said)
+    found = [each for each in audit(root, options).findings if each.code == "KA906"]
+    assert found if why else not found
+    assert all(why and why in each.message for each in found)
+    if runs:
+        (each,) = found
+        assert each.locations[0].path.endswith("it.toml")
+        assert "[enclaves]" in each.fix.steps[0].text
 
 
 @pytest.mark.parametrize(

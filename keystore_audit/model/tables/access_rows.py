@@ -76,6 +76,28 @@ class Row(Struct, frozen=True, kw_only=True):
 
 def decision_rows(table: AccessTable, group: Group) -> tuple[Row, ...]:
     """What the enclaves' own implementations allow."""
+    return _in_order(_rows(table, group))
+
+
+def rows_beyond(table: AccessTable, group: Group, other: Group) -> tuple[Row, ...]:
+    """Of that, what they do not in the other group."""
+    known = {(row.label, path): words for row in _rows(table, other) for path, words in row.cells.items()}
+    more = []
+    for row in _rows(table, group):
+        left = {
+            path: tuple(word for word in words if word not in known.get((row.label, path), ()))
+            for path, words in row.cells.items()
+        }
+        more.append(replace(row, cells={path: words for path, words in left.items() if words}))
+    return _in_order(row for row in more if row.cells)
+
+
+def _in_order(rows: Iterable[Row]) -> tuple[Row, ...]:
+    return tuple(sorted(_joined(rows), key=_place))
+
+
+def _rows(table: AccessTable, group: Group) -> list[Row]:
+    """One by one."""
     by_name: dict[int, dict[str, list[Operation]]] = {}
     for path, enclave in group.enclaves.items():
         for operation, right in enclave.rights.items():
@@ -93,7 +115,7 @@ def decision_rows(table: AccessTable, group: Group) -> tuple[Row, ...]:
             whole.setdefault(subject, {})[name] = cells
     for subject, names in whole.items():
         rows += _folded(table, group, subject, names)
-    return tuple(sorted(_joined(rows), key=_place))
+    return rows
 
 
 def _place(row: Row) -> tuple[int, str]:
