@@ -7,6 +7,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.10 --generate-hashes \
         --custom-compile-command "make lock" --upgrade
 COMPILE := $(LOCK) pyproject.toml --extra alloy
+ZENOH := 1.4.0 1.6.2 1.7.2
 
 .PHONY: audit test test-long system lint types format samples bench lock wheel clean
 .DELETE_ON_ERROR:
@@ -19,7 +20,7 @@ test: system lint types .venv/ros.stamp  ## everything that CI asks
 	$(BIN)/keystore-audit engine install
 	$(BIN)/pytest -n 2 --dist loadgroup
 
-test-long: .venv/dev.stamp .venv/ros.stamp  ## the same tests with five times as much chance; CI does not run it
+test-long: .venv/dev.stamp .venv/ros.stamp $(ZENOH:%=.venv/zenoh-%.stamp)  ## five times as much chance, older releases; not in CI
 	$(BIN)/keystore-audit engine install
 	KEYSTORE_AUDIT_TESTS=1 $(BIN)/pytest -n 2 --dist loadgroup
 
@@ -54,6 +55,7 @@ lock: $(BIN)/python  ## requirements/ again, at the newest versions that pyproje
 	$(COMPILE) --group build --constraint requirements/dev.txt --output-file requirements/audit.txt
 	$(LOCK) --group ros --no-emit-package empy --output-file requirements/ros.txt  # empy: no wheel, and no part in running
 	sed -i '/^$$/d' requirements/ros.txt
+	for version in $(ZENOH); do echo eclipse-zenoh==$$version | $(LOCK) - --output-file requirements/zenoh-$$version.txt; done
 
 clean:
 	rm -rf .venv dist
@@ -75,3 +77,8 @@ $(BIN)/python:
 	$(PYTHON) -m venv --clear --without-pip .venv/ros
 	PIP_PYTHON=.venv/ros/bin/python $(PIP) --no-deps --only-binary :all: --require-hashes -r requirements/ros.txt && touch $@ || \
 		{ rm -r .venv/ros; echo "no ROS 2 for this machine: tests skip what they lack (in CI they fail)" >&2; }
+
+.venv/zenoh-%.stamp: requirements/zenoh-%.txt | $(BIN)/python  # a release of the oracle for tests/oracles/zenoh
+	$(PYTHON) -m venv --clear --without-pip .venv/zenoh-$*
+	PIP_PYTHON=.venv/zenoh-$*/bin/python $(PIP) --only-binary :all: --require-hashes -r $<
+	@touch $@

@@ -39,17 +39,19 @@ def real(case: Case, python: str = sys.executable, patience: int = 1) -> str:
     return done.stdout.strip().partition(":")[0]
 
 
-def real_answers(cases: Sequence[Case], expected: Mapping[str, str]) -> dict[str, str]:
-    """Those of all cases, several processes at a time.
+def real_answers(cases: Sequence[Case], expected: Mapping[str, str], python: str = sys.executable) -> dict[str, str]:
+    """Those of all cases, several processes at a time, of the release that `python` has.
 
     A busy machine may be late: where something is expected to come and does not, it is asked again alone, more and more
     patiently.
     """
     with ThreadPoolExecutor(TOGETHER) as pool:
-        answers = dict(zip((case.name for case in cases), pool.map(real, cases), strict=True))
+        answers = dict(
+            zip((case.name for case in cases), pool.map(lambda case: real(case, python), cases), strict=True)
+        )
     for patience in (4, 8, 16):
         late = [case for case in cases if expected[case.name] == "yes" != answers[case.name]]
-        answers |= {case.name: real(case, patience=patience) for case in late}
+        answers |= {case.name: real(case, python, patience) for case in late}
     return answers
 
 
