@@ -245,7 +245,8 @@ def audited(
             number = numbers[place]
             outcome = _ended(tasks[number], result) if isinstance(result, Lost) else result
             if outcome.row.exit_code == EXIT_USAGE:
-                raise UsageError(outcome.row.error)
+                told = outcome.row.error
+                raise UsageError(f"{tasks[number].root}: {told}" if len(tasks) > 1 else told)
             step("auditing", done)
             yield number, outcome
 

@@ -181,6 +181,16 @@ def test_a_broken_one_hides_no_other(fleet: Path, tmp_path: Path) -> None:
     assert "r004" in page
 
 
+def test_settings_that_one_keystore_cannot_follow_name_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one, other = (keystore(tmp_path / name, {f"/{name}": (rule(("rt/x",)),)}) for name in ("talker", "lidar"))
+    settings = tmp_path / "it.toml"
+    settings.write_text('[[property]]\nname = "p"\nno_flow = { from = "/talker", to = "outsider" }\n')
+    said = "it.toml:3: '/talker' names no enclave of this keystore."
+    for stores, told in (((one, other), f"{other}: {settings.parent}/{said}"), ((other,), f"{settings.parent}/{said}")):
+        assert answer(*stores, *NATIVE, "--settings", settings)[0] == 2
+        assert capsys.readouterr().err.endswith(f"keystore-audit: {told}\n")
+
+
 def test_each_directory_named_has_a_keystore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What is packed, or has another name now, is out of the gate otherwise."""
     root = robots(tmp_path / "all", 1)
