@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, reduce
 from itertools import islice
 from operator import and_
@@ -16,19 +16,20 @@ from keystore_audit.model.channels import Point, document_channels
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.intended.drift_rights import policy_grant
 from keystore_audit.model.matching.expression import any_matches
-from keystore_audit.model.names import Use, dds_channels
-from keystore_audit.profiles import Matcher, facts
+from keystore_audit.model.names import AMBIENT_TOPICS, Use, dds_channels
+from keystore_audit.profiles import Matcher, Release, facts
 from keystore_audit.rules.network_access import NAMED
 from keystore_audit.rules.registry import Context, Violation, more_like, rule
-from keystore_audit.truth import Truth, any_of
-from keystore_audit.zenoh.answers import rights_in
-from keystore_audit.zenoh.names import MAX_RIGHTS, rule_domains, written_names
+from keystore_audit.truth import Truth
+from keystore_audit.zenoh.answers import Reached, channels, rights_in
+from keystore_audit.zenoh.names import MAX_RIGHTS, names_in, rule_domains, written_names
 from keystore_audit.zenoh.network import Network, is_session
 
 Granted = Callable[[Enclave, Sequence[Use]], Truth]
 """Whether an enclave was given all of it."""
 _Asked = tuple[Enclave, str, str, int]
 """Who, what, on which name of ROS 2, in which domain."""
+OTHER_SIDE: Final = {"publish": "subscribe", "subscribe": "publish", "request": "reply", "reply": "request"}
 WORDS: Final = {"publish": "publish", "subscribe": "subscribe to", "request": "call", "reply": "serve"}
 
 
@@ -47,35 +48,111 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
     compared with patterns. Routers, which pass on what comes, and enclaves without permissions (where no policy is
     named) are not compared. Of more than 2,000 rights it stays open.
     """
-    rights, told, places, doubtful = rights_in(network), list[str](), dict[Location, None](), False
+    rights = rights_in(network)
+
+    def reaching(right: _Asked, release: Release) -> Iterator[Reached]:
+        answer = rights.answer(*right, release)
+        yield answer.could
+        if answer.works.truth is Truth.YES:
+            yield answer.works
+
+    whose = "The policy does" if context.drift is not None else "Permissions do"
+    message = f"{whose} not let {{}}, and the files let it."
+    yield from _differing(network, context, _not_granted(network, context), reaching, Truth.YES, message)
+
+
+@rule(
+    "KA836",
+    Severity.MEDIUM,
+    facts.ROUTED_ACCESS,
+    decision(f"Allow it in the files of both sides, or take it out of what is signed. {NAMED}"),
+)
+def granted_and_kept_off(network: Network, context: Context) -> Iterator[Violation]:
+    """An enclave was granted what the files let through to nobody, or from nobody: its own file, or all others'.
+
+    The node starts, and nothing comes; no log says why. Asked of topics and services that the enclave's own permissions
+    name and grant (or where a policy is named, that this says as well), in the domains that rules name (else 0), where
+    some other enclave was granted the other side: subscribes to what is published, serves what is called. Routers,
+    enclaves of which no file starts, and the topics of logs and of parameters' changes are not compared. What may work
+    is not told. Of more than 2,000 rights it stays open.
+    """
+    rights = rights_in(network)
+
+    def working(right: _Asked, release: Release) -> Iterator[Reached]:
+        enclave, operation, name, domain = right
+        yield from (rights.works(enclave, role, key, release) for role, key in channels(operation, name, domain))
+
+    message = "The files do not let {}, and that was granted."
+    yield from _differing(network, context, _granted_to_both(network, context), working, Truth.NO, message)
+
+
+def _differing(
+    network: Network,
+    context: Context,
+    rights: Iterator[tuple[_Asked, Truth]],
+    found: Callable[[_Asked, Release], Iterator[Reached]],
+    told_if: Truth,
+    message: str,
+) -> Iterator[Violation]:
+    """What works (`told_if` YES) and was not granted, or the other way about, as comes with each right; `message` has a
+    place for it. Whether more works than was granted has to be known; what may work is as good as works.
+    """
+    told, places, doubtful = list[str](), dict[Location, None](), False
     try:
-        asked = [*islice(_not_granted(network, context), MAX_RIGHTS + 1)]
+        asked = [*islice(rights, MAX_RIGHTS + 1)]
     except BudgetExceeded as exceeded:
         yield Violation(f"Not compared with what was granted: {exceeded.message}", (), undecided=True, key="budget")
         return
-    for (enclave, operation, name, domain), granted in asked[:MAX_RIGHTS]:
-        answers = [rights.answer(enclave, operation, name, domain, each) for each in context.releases]
-        reached = [way for each in answers for way in (each.could, each.works) if way.truth is Truth.YES]
-        truth = Truth.YES if reached else any_of(each.could.truth for each in answers)
-        if truth is Truth.YES and granted is Truth.NO:
+    for right, granted in asked[:MAX_RIGHTS]:
+        answers = [each for release in context.releases for each in found(right, release)]
+        differing = [each for each in answers if each.truth is told_if]
+        if differing and granted is told_if.negated:
+            enclave, operation, name, _domain = right
             told.append(f"{enclave.path} {WORDS[operation]} {name}")
-            places |= {each.location: None for each in reached if each.location is not None}
-        doubtful = doubtful or truth.may
-    whose = "The policy does" if context.drift is not None else "Permissions do"
+            places |= {each.location: None for each in differing if each.location is not None}
+        doubtful = doubtful or (told_if is Truth.YES and any(each.truth.may for each in answers))
     if told:
-        yield Violation(
-            f"{whose} not let {told[0]}{more_like(told)}, and the files let it.", [*places], key="\n".join(sorted(told))
-        )
+        yield Violation(message.format(f"{told[0]}{more_like(told)}"), [*places], key="\n".join(sorted(told)))
     elif len(asked) > MAX_RIGHTS:
-        message = f"Only {MAX_RIGHTS} rights beyond what was granted were asked about in {network.path}."
+        message = f"Only {MAX_RIGHTS} rights were compared with what was granted in {network.path}."
         yield Violation(message, (), undecided=True, key="more")
-    elif doubtful and not rights.doubts:  # these are a finding of their own
+    elif doubtful and not rights_in(network).doubts:  # these are a finding of their own
         message = f"Whether the files in {network.path} let more than was granted cannot be told."
         yield Violation(message, (), undecided=True, key="doubt")
 
 
 def _not_granted(network: Network, context: Context) -> Iterator[tuple[_Asked, Truth]]:
     """What is not granted for certain."""
+    for domain, enclaves, uses, granted in _compared(network, context):
+        for enclave in enclaves:
+            for (operation, name), needed in uses.items():
+                truth = granted(enclave, needed)
+                if truth is not Truth.YES:
+                    yield (enclave, operation, name, domain), truth
+
+
+def _granted_to_both(network: Network, context: Context) -> Iterator[tuple[_Asked, Truth]]:
+    """What is granted for certain to who names it, and the other side to somebody else, both of whom start."""
+    started = {each.owner for each in network.started}
+    for domain, enclaves, uses, granted in _compared(network, context):
+        starting = [each for each in enclaves if each in started]
+        having = {
+            right: [each for each in starting if granted(each, needed) is Truth.YES]
+            for right, needed in uses.items()
+            if AMBIENT_TOPICS.isdisjoint(topic for _use, topic in needed)
+        }
+        for enclave in starting:
+            own = [enclave.permissions] if enclave.permissions is not None else []
+            for operation, name in names_in(own):
+                theirs = having.get((OTHER_SIDE[operation], name), ())
+                if enclave in having.get((operation, name), ()) and {*theirs} - {enclave}:
+                    yield (enclave, operation, name, domain), Truth.YES
+
+
+def _compared(
+    network: Network, context: Context
+) -> Iterator[tuple[int, Sequence[Enclave], Mapping[tuple[str, str], Sequence[Use]], Granted]]:
+    """By domain the enclaves that run nodes, the rights that permissions and rules name, and who was granted which."""
     routing = {each.owner for each in network.started} - {each.owner for each in network.started if is_session(each)}
     enclaves = [each for each in context.keystore.enclaves if each not in routing and each.identity is not None]
     if context.drift is None:
@@ -84,12 +161,7 @@ def _not_granted(network: Network, context: Context) -> Iterator[tuple[_Asked, T
     for domain in rule_domains(network):
         named = written_names(documents, network, domain).rights
         uses = {(operation, name): dds_channels(operation, name) for operation, name in named}
-        granted = _by_policy(context) or _by_permissions(context, [*uses.values()], domain)
-        for enclave in enclaves:
-            for (operation, name), needed in uses.items():
-                truth = granted(enclave, needed)
-                if truth is not Truth.YES:
-                    yield (enclave, operation, name, domain), truth
+        yield domain, enclaves, uses, _by_policy(context) or _by_permissions(context, [*uses.values()], domain)
 
 
 def _by_policy(context: Context) -> Granted | None:

@@ -47,6 +47,12 @@ def written_names(documents: Iterable[PermissionsFile], network: Network, domain
     return Named(tuple(sorted(rights, key=lambda each: each[1])), tuple(patterns))
 
 
+def names_in(documents: Iterable[PermissionsFile]) -> tuple[tuple[str, str], ...]:
+    """Operation and name of ROS 2 of all that documents write out, in any domain."""
+    written = ((name, operations) for _text, name, operations in _in_documents(documents) if name is not None)
+    return tuple(dict.fromkeys((operation, name) for name, operations in written for operation in operations))
+
+
 _Written = tuple[str, str | None, tuple[str, ...]]
 """An expression, the one name that it is (None: it is a pattern), and what can be done with it."""
 

@@ -1,4 +1,4 @@
-"""KA822: what files of sessions let enclaves do beyond what was signed, or beyond the policy, by one change each."""
+"""What files let enclaves do beyond what was granted (KA822), and less (KA836), by one change each."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ def files(root: Path, keys: Path, keys_of_rule: str = "0/chatter/*/*", who: str 
         allow(keys_of_rule, "put", flows=["ingress"]),
         allow(keys_of_rule, "declare_subscriber", flows=["egress"]),
     ]
-    sends = [allow("0/chatter/*/*", "put", flows=["egress"])]
+    sends = [
+        allow("0/chatter/*/*", "put", flows=["egress"]),
+        allow("0/chatter/*/*", "declare_subscriber", flows=["ingress"]),
+    ]
     folder = root / "network"
     folder.mkdir()
     for name, each in {
@@ -50,10 +53,10 @@ def files(root: Path, keys: Path, keys_of_rule: str = "0/chatter/*/*", who: str 
     return folder
 
 
-def told(keys: Path, network: Path, **more: Any) -> list[str]:
-    """The messages of KA822."""
+def told(keys: Path, network: Path, code: str = "KA822", **more: Any) -> list[str]:
+    """The messages of the rule."""
     report = api.audit(keys, network=network, **more, engine="native", at=NOW)
-    return [each.message for each in report.findings if each.code == "KA822"]
+    return [each.message for each in report.findings if each.code == code]
 
 
 BEYOND = "Permissions do not let /talker publish /chatter, and the files let it."
@@ -150,3 +153,80 @@ def test_an_open_answer_stays_open(release: str, begins: str, tmp_path: Path) ->
     (network / "listener.json5").write_text(written(listener), "utf-8")
     (found,) = told(keys, network, profiles=[release])
     assert found.startswith(begins)
+
+
+def kept_off(
+    enclave: str = "/listener", does: str = "subscribe to /chatter", more: str = " (and 1 more like it)"
+) -> str:
+    """What KA836 says."""
+    return f"The files do not let {enclave} {does}{more}, and that was granted."
+
+
+BOTH = [kept_off()]
+
+
+@pytest.mark.parametrize(
+    ("topic", "change", "expected"),
+    [
+        ("rt/chatter", "|", BOTH),
+        ("rt/other", "|", []),
+        ("rt/chat*", "|", [kept_off(more="")]),
+        ("rt/chatter", "subscribe>|publish>", []),
+        ("rt/chatter", "rt/chatter|rt/chat*", [kept_off("/talker", "publish /chatter", "")]),
+        ("rt/chatter", "<id>0</id>|<id>1</id>", []),
+    ],
+)
+def test_what_is_granted_to_both_sides_and_does_not_work(
+    topic: str, change: str, expected: list[str], tmp_path: Path
+) -> None:
+    """The listener takes from somebody else. Who is granted a name by a pattern alone does not count as kept off."""
+    keys = keystore(tmp_path, topic, listener=change)
+    assert told(keys, files(tmp_path, keys, who="/random"), "KA836") == expected
+
+
+def test_what_works_is_not_kept_off(tmp_path: Path) -> None:
+    keys = keystore(tmp_path)
+    assert told(keys, files(tmp_path, keys), "KA836") == []
+
+
+def test_a_service_that_nobody_can_call(tmp_path: Path) -> None:
+    """Each half of it is granted as permissions write it."""
+    keys = sros2(tmp_path / "keys", ("/talker", "/listener"), document=served)
+    assert told(keys, files(tmp_path, keys), "KA836") == [kept_off("/listener", "serve /add")]
+
+
+def served(path: str) -> str:
+    """/talker calls the service, /listener answers."""
+    request, reply = ("<publish>", "<subscribe>") if path == "/talker" else ("<subscribe>", "<publish>")
+    halves = "".join(
+        f"{half}<topics><topic>{topic}</topic></topics></{half[1:]}"
+        for half, topic in sorted(((request, "rq/addRequest"), (reply, "rr/addReply")))
+    )
+    before, _publish, after = PERMISSIONS.format(name=path).partition("<publish>")
+    return f"{before}{halves}{after.partition('</publish>')[2]}"
+
+
+@pytest.mark.parametrize("topic", ["rosout", "parameter_events"])
+def test_what_every_node_has_is_not_kept_off(topic: str, tmp_path: Path) -> None:
+    keys = keystore(tmp_path, f"rt/{topic}", listener=f"rt/chatter|rt/{topic}")
+    assert told(keys, files(tmp_path, keys), "KA836") == []
+
+
+@pytest.mark.parametrize("content", [None, '{"mode": "pear"}'])
+def test_an_enclave_that_does_not_start_is_not_kept_off(content: str | None, tmp_path: Path) -> None:
+    """Nor is who would reach it: there is no file of it, or it is refused."""
+    keys = keystore(tmp_path)
+    network = files(tmp_path, keys, who="/random")
+    assert told(keys, network, "KA836") == BOTH
+    (network / "talker.json5").unlink()
+    if content is not None:
+        (network / "talker.json5").write_text(content, "utf-8")
+    assert told(keys, network, "KA836") == []
+
+
+@pytest.mark.parametrize(("rule", "expected"), [("ALLOW", BOTH), ("DENY", [])])
+def test_what_the_policy_says_as_well(rule: str, expected: list[str], tmp_path: Path) -> None:
+    keys, policy = keystore(tmp_path), tmp_path / "policy.xml"
+    enclaves = [ENCLAVE.format("/talker", "publish", rule), ENCLAVE.format("/listener", "subscribe", "ALLOW")]
+    policy.write_text(POLICY.format("".join(enclaves)), "utf-8")
+    assert told(keys, files(tmp_path, keys, who="/random"), "KA836", policy=policy) == expected

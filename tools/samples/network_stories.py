@@ -272,12 +272,12 @@ def _beyond() -> Iterator[Story]:
 
 def _routed() -> Iterator[Story]:
     """A router with rules by name: its clients cannot go round it, peers do."""
-    rules = (rule("publications", ["put"], "ingress"), rule("subscriptions", ["declare_subscriber"], "ingress"))
+    kinds, flows = ("put", "declare_subscriber"), ("ingress", "egress")
+    rules = (rule(f"{kind} {flow}", [kind], flow) for kind in kinds for flow in flows)
     section = access(named("/talker", "/listener"), *rules)
     listens, joined = ({each: {"endpoints": ["tls/localhost:7447"]}} for each in ("listen", "connect"))
     gossip = {"scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}}}
     router = session("zenohd", mode="router", access_control=section, **listens, **gossip)
-    client: Configuration = {"mode": "client", **joined}
     yield from _pair(
         "KA809",
         Case("The sessions are peers that hear of each other, and send past the router's rules.", WITH_ROUTER),
@@ -287,12 +287,24 @@ def _routed() -> Iterator[Story]:
             "listener": listener(listen={"endpoints": ["tls/localhost:0"]}, **joined, **gossip),
         },
         "The sessions are clients of the router, and have no other link.",
-        {
-            "zenohd": router,
-            "talker": talker(listen={"endpoints": []}, **client),
-            "listener": listener(**client),
-        },
+        {"zenohd": router, **_clients(joined, named("/zenohd"), named("/zenohd"))},
     )
+    yield from _pair(
+        "KA836",
+        Case("The sessions' rules name each other, and there is a router between, which is all they see.", WITH_ROUTER),
+        {"zenohd": router, **_clients(joined, named("/listener"), named("/talker"))},
+        "They name the router.",
+        {"zenohd": router, **_clients(joined, named("/zenohd"), named("/zenohd"))},
+    )
+
+
+def _clients(joined: Configuration, hearing: Configuration, sending: Configuration) -> Network:
+    """/talker, which sends to a subject, and /listener, which takes from one."""
+    client: Configuration = {"mode": "client", **joined, "listen": {"endpoints": []}}
+    return {
+        "talker": talker(**client, access_control=access(hearing, *SENDS)),
+        "listener": listener(**client, access_control=access(sending, *TAKES)),
+    }
 
 
 def _in_one_folder(code: str, *sides: Case) -> Iterator[Story]:
