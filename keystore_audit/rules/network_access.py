@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice, product
 from typing import Final
 
 from keystore_audit.findings import Location, Severity, outside
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.profiles import Release, facts
 from keystore_audit.rules.network import found, is_peer
@@ -17,7 +18,7 @@ from keystore_audit.zenoh.access_control import AccessControl, Flow, Kind, Subje
 from keystore_audit.zenoh.access_control import Rule as Written
 from keystore_audit.zenoh.answers import Reached, Rights, rights_in
 from keystore_audit.zenoh.configuration import Mode
-from keystore_audit.zenoh.names import name_in
+from keystore_audit.zenoh.names import name_in, names_in, operations_of, rule_domains, written_names
 from keystore_audit.zenoh.network import Network, Process, common_name, is_session
 
 _TAKEN: Final = (Kind.PUT, Kind.DELETE, Kind.QUERY, Kind.REPLY)
@@ -225,6 +226,47 @@ def router_bypassed(process: Process, context: Context) -> Iterator[Violation]:
         names = listed(each.name for each in peers)
         message = f"The rules of the router {process.name} do not stand between {names}, which are peers."
         yield found(process, message, process.says.access.line)
+
+
+@rule(
+    "KA812",
+    Severity.MEDIUM,
+    facts.ROUTED_ACCESS,
+    outside("Write /*/* in place of the last /**: that is the type and its hash, and nothing below the name."),
+)
+def longer_names_reached(network: Network, context: Context) -> Iterator[Violation]:
+    """A rule allows a name with all that is below it: `0/image/**` is about /image/raw, too (measured).
+
+    zenoh_security_tools wrote its rules so until September 2025. Told where permissions name the one as a topic or a
+    service, so that it is not meant as a folder, and where they or rules name some other below, for which the rule has
+    no expression of its own.
+    """
+    documents = [each.permissions for each in context.keystore.enclaves if each.permissions is not None]
+    signed = {*names_in(documents)}
+    below = {domain: _below(written_names(documents, network, domain).rights) for domain in rule_domains(network)}
+    for process in network.started:
+        reached: dict[tuple[str, str], int] = {}
+        for each in process.says.access.rules if process.says.access is not None else ():
+            own = {name_in(text) for text, _line in each.keys}
+            tails = {text: line for text, line in each.keys if each.allow and text.endswith("/**")}
+            for (text, line), operation in product(tails.items(), operations_of(each)):
+                domain, name = name_in(text)
+                if domain is not None and name is not None and (operation, name) in signed:
+                    longer = below[domain].get((operation, name), ())
+                    reached |= {(text, other): line for other in longer if (domain, other) not in own}
+        if reached:
+            (text, other), *_more = reached
+            message = (
+                f"{process.name} has a rule for {quoted(text)}, which is about {other} as well{more_like(reached)}."
+            )
+            yield found(process, message, *dict.fromkeys(reached.values()))
+
+
+def _below(rights: Iterable[tuple[str, str]]) -> Mapping[tuple[str, str], Sequence[str]]:
+    """By operation and name the names below."""
+    return gathered(
+        ((operation, name[:end]), name) for operation, name in rights for end, sign in enumerate(name) if sign == "/"
+    )
 
 
 @rule(

@@ -11,7 +11,7 @@ from keystore_audit.intent.intent import is_ros_name
 from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.model.names import DISCOVERY_TOPIC, SUFFIX_OF, TOPIC_PREFIX, is_ros_dds_name
-from keystore_audit.zenoh.access_control import Kind
+from keystore_audit.zenoh.access_control import Kind, Rule
 from keystore_audit.zenoh.network import Network
 
 MAX_RIGHTS: Final = 2_000
@@ -71,14 +71,19 @@ def _in_documents(documents: Iterable[PermissionsFile]) -> Iterator[_Written]:
 def _in_rules(network: Network, domain: int) -> Iterator[_Written]:
     for process in network.started:
         for rule in process.says.access.rules if process.says.access is not None else ():
-            topics, services = (bool(kinds & rule.kinds) for kinds in (_SENDING, _SERVING))
-            operations = (*_OF_TOPICS * topics, *_OF_SERVICES * services)
+            operations = operations_of(rule)
             for text, _line in rule.keys if operations else ():
                 named_in, name = name_in(text)
                 if named_in in (domain, None) and not text.startswith("@"):  # verbatim: never a name of ROS 2
                     yield text, name, operations
                     if name is None and "*" in text:
                         yield text, _example(text), operations
+
+
+def operations_of(rule: Rule) -> tuple[str, ...]:
+    """What can be done with a name that a rule is about."""
+    topics, services = (bool(kinds & rule.kinds) for kinds in (_SENDING, _SERVING))
+    return *_OF_TOPICS * topics, *_OF_SERVICES * services
 
 
 def name_in(key: str) -> tuple[int | None, str | None]:

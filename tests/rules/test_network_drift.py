@@ -230,3 +230,36 @@ def test_what_the_policy_says_as_well(rule: str, expected: list[str], tmp_path: 
     enclaves = [ENCLAVE.format("/talker", "publish", rule), ENCLAVE.format("/listener", "subscribe", "ALLOW")]
     policy.write_text(POLICY.format("".join(enclaves)), "utf-8")
     assert told(keys, files(tmp_path, keys, who="/random"), "KA836", policy=policy) == expected
+
+
+@pytest.mark.parametrize(
+    ("rule", "other", "number"),
+    [
+        ("0/chatter/**", "rt/chatter/raw", 1),
+        ("0/chatter/*/*", "rt/chatter/raw", 0),
+        ("0/**", "rt/chatter/raw", 0),
+        ("0/folder/**", "rt/folder/raw", 0),
+        ("0/chatter/**", "rt/chatter2", 0),
+        ("0/chatter/**", "rq/chatter/rawRequest", 0),
+        ("0/chatter/** 0/chatter/raw/**", "rt/chatter/raw", 0),
+        ("0/chatter/** 5/chatter/raw/**", "rt/chatter/raw", 1),
+        ("0/chatter/** 5/chatter/**", "rt/chatter/raw", 2),
+    ],
+)
+def test_a_rule_for_a_name_reaches_longer_ones(rule: str, other: str, number: int, tmp_path: Path) -> None:
+    """So many of its expressions."""
+    keys = keystore(tmp_path, listener=f"</topic>|</topic><topic>{other}</topic>")
+    report = api.audit(keys, network=files(tmp_path, keys, rule), engine="native", at=NOW)
+    assert sum(len(each.locations) for each in report.findings if each.code == "KA812") == number
+
+
+def test_a_longer_name_that_rules_alone_name(tmp_path: Path) -> None:
+    """What denies is no such rule."""
+    keys = keystore(tmp_path)
+    network = files(tmp_path, keys, "0/chatter/**")
+    assert told(keys, network, "KA812") == []
+    more = [allow("0/chatter/raw/*/*", "put", flows=["egress"]), deny("0/chatter/**", "put")]
+    talker = session("peer", connect=[END], **access(({"cert_common_names": ["/listener"]}, more)))
+    (network / "talker.json5").write_text(written({**tls(keys, "talker"), **talker}), "utf-8")
+    (message,) = told(keys, network, "KA812")
+    assert message == "/listener has a rule for '0/chatter/**', which is about /chatter/raw as well."

@@ -213,6 +213,7 @@ def stories() -> Iterator[Story]:
     )
     yield from _restrained()
     yield from _beyond()
+    yield from _longer()
     yield from _routed()
     yaml = {"extra.yaml": b"mode: peer\n"}
     yield from _pair("KA826", Case("One file is YAML, which is not read.", PAIR), GOOD, both, GOOD, more=yaml)
@@ -267,6 +268,37 @@ def _beyond() -> Iterator[Story]:
         {**GOOD, "random": random, "listener": listener(**listens, access_control=wide)},
         "The same files, and /listener takes /chatter from /talker alone.",
         {**GOOD, "random": random, "listener": listener(**listens)},
+    )
+
+
+def _longer() -> Iterator[Story]:
+    """/listener may read the raw pictures, too."""
+    image, raw = "rt/image", "rt/image/raw"
+    store = replace(
+        TWO, enclaves=(_third("/camera", Rule(publish=(image,))), _third("/viewer", Rule(subscribe=(image, raw))))
+    )
+    sides = []
+    for tail in ("/**", "/*/*"):
+        messages = {"put": ("egress", "ingress"), "declare_subscriber": ("ingress", "egress")}
+        sends, takes = (
+            [rule(kind, [kind], flows[side], f"0/image{tail}") for kind, flows in messages.items()] for side in (0, 1)
+        )
+        sides.append(
+            {
+                "camera": session(
+                    "camera", listen={"endpoints": [OPENS]}, access_control=access(named("/viewer"), *sends)
+                ),
+                "viewer": session(
+                    "viewer", connect={"endpoints": [OPENS]}, access_control=access(named("/camera"), *takes)
+                ),
+            }
+        )
+    yield from _pair(
+        "KA812",
+        Case("The rules for /image let /image/raw through, which /camera may not publish.", store),
+        sides[0],
+        "The rules for /image are about /image alone.",
+        sides[1],
     )
 
 
