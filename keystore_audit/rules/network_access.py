@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice, product
 from typing import Final
@@ -18,7 +19,7 @@ from keystore_audit.zenoh.access_control import AccessControl, Flow, Kind, Subje
 from keystore_audit.zenoh.access_control import Rule as Written
 from keystore_audit.zenoh.answers import Reached, Rights, rights_in
 from keystore_audit.zenoh.configuration import Mode
-from keystore_audit.zenoh.names import name_in, names_in, operations_of, rule_domains, written_names
+from keystore_audit.zenoh.names import domains_in, name_in, names_in, operations_of, rule_domains, written_names
 from keystore_audit.zenoh.network import Network, Process, common_name, is_session
 
 _TAKEN: Final = (Kind.PUT, Kind.DELETE, Kind.QUERY, Kind.REPLY)
@@ -305,6 +306,32 @@ def rule_of_no_policy(process: Process) -> Iterator[Violation]:
     if unused:
         message = f"No policy of {process.name} names the {quoted(unused[0][0])}{more_like(unused)}."
         yield found(process, message, *(line for _what, line in unused))
+
+
+@rule(
+    "KA823",
+    Severity.MEDIUM,
+    facts.ROUTED_ACCESS,
+    outside("Write the rules of all files for the domain (ROS_DOMAIN_ID) that the robot runs in."),
+)
+def domain_of_no_other(network: Network) -> Iterator[Violation]:
+    """The rules of a process are about another domain than those of all others, so that nothing comes through.
+
+    A key begins with the domain, and rules are written for one, which the generator is told apart from the robot's. Not
+    told where another process lets anything through, or a file was not read.
+    """
+    spoken = {each.path: domains_in(each) for each in network.started}
+    files = Counter(domain for domains in spoken.values() for domain in domains)
+    open_to_any = None in files or any(each.says.access is None or each.says.access.allows for each in network.started)
+    alone = [
+        each
+        for each in network.started
+        if (own := spoken[each.path]) and files.keys() - own and all(files[domain] == 1 for domain in own)
+    ]
+    if alone and not (open_to_any or network.unread):
+        domains = listed(f"{domain}" for domain in spoken[alone[0].path])
+        message = f"No other file is about the domain of {alone[0].name}, {domains}{more_like(alone)}."
+        yield Violation(message, [each.at(None) for each in alone])
 
 
 @rule(

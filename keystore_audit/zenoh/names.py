@@ -12,7 +12,7 @@ from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.model.names import DISCOVERY_TOPIC, SUFFIX_OF, TOPIC_PREFIX, is_ros_dds_name
 from keystore_audit.zenoh.access_control import Kind, Rule
-from keystore_audit.zenoh.network import Network
+from keystore_audit.zenoh.network import Network, Process
 
 MAX_RIGHTS: Final = 2_000
 """Rights that are asked one by one: some 15 seconds among 40 processes."""
@@ -109,6 +109,12 @@ def _example(key: str) -> str:
 
 def rule_domains(network: Network) -> tuple[int, ...]:
     """The domains that rules of processes name, 0 where they name none."""
-    access = (process.says.access for process in network.started)
-    keys = (text for each in access if each is not None for rule in each.rules for text, _line in rule.keys)
-    return tuple(sorted({domain for domain, _name in map(name_in, keys) if domain is not None})) or (0,)
+    found = {each for process in network.started for each in domains_in(process) if each is not None}
+    return tuple(sorted(found)) or (0,)
+
+
+def domains_in(process: Process) -> frozenset[int | None]:
+    """The domains that its rules about data name; None: any."""
+    rules = process.says.access.rules if process.says.access is not None else ()
+    keys = (text for rule in rules for text, _line in rule.keys if not text.startswith("@"))
+    return frozenset(domain for domain, _name in map(name_in, keys))

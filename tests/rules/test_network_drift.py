@@ -263,3 +263,34 @@ def test_a_longer_name_that_rules_alone_name(tmp_path: Path) -> None:
     (network / "talker.json5").write_text(written({**tls(keys, "talker"), **talker}), "utf-8")
     (message,) = told(keys, network, "KA812")
     assert message == "/listener has a rule for '0/chatter/**', which is about /chatter/raw as well."
+
+
+@pytest.mark.parametrize(
+    ("rule", "number"),
+    [
+        ("0/chatter/*/*", 0),
+        ("1/chatter/*/*", 2),
+        ("0/chatter/*/* 1/chatter/*/*", 0),
+        ("*/chatter/*/*", 0),
+        ("@ros2_lv/1/**", 0),
+    ],
+)
+def test_rules_of_a_domain_that_no_other_file_is_about(rule: str, number: int, tmp_path: Path) -> None:
+    """So many files: the other one is of domain 0, and a third one that allows anything ends it."""
+    keys = keystore(tmp_path)
+    network = files(tmp_path, keys, rule)
+    found = [
+        each for each in api.audit(keys, network=network, engine="native", at=NOW).findings if each.code == "KA823"
+    ]
+    assert sum(len(each.locations) for each in found) == number
+    (network / "third.json5").write_text(written(session("peer", listen=["tls/localhost:7462"])), "utf-8")
+    assert told(keys, network, "KA823") == []
+
+
+def test_one_file_of_another_domain_beside_two_of_one(tmp_path: Path) -> None:
+    keys = keystore(tmp_path)
+    network = files(tmp_path, keys)
+    third = access(({"cert_common_names": ["/talker"]}, [allow("7/chatter/*/*", "put")]))
+    (network / "third.json5").write_text(written({**session("client", connect=[END]), **third}), "utf-8")
+    (message,) = told(keys, network, "KA823")
+    assert message.endswith("third.json5, 7.")

@@ -214,6 +214,14 @@ def stories() -> Iterator[Story]:
     yield from _restrained()
     yield from _beyond()
     yield from _longer()
+    other = [rule(each["id"], each["messages"], each["flows"][0], "42/chatter/*/*") for each in TAKES]
+    yield from _pair(
+        "KA823",
+        Case("The rules of /listener are for domain 42, those of /talker for domain 0.", PAIR),
+        {**GOOD, "listener": listener(access_control=access(named("/talker"), *other))},
+        both,
+        GOOD,
+    )
     yield from _routed()
     yaml = {"extra.yaml": b"mode: peer\n"}
     yield from _pair("KA826", Case("One file is YAML, which is not read.", PAIR), GOOD, both, GOOD, more=yaml)
