@@ -130,18 +130,38 @@ def anybody_may_send(process: Process) -> Iterator[Violation]:
     It has no property at all, or an interface, a protocol or an id, which whoever connects chooses. Files that
     zenoh_security_tools makes have none but such: they restrain whoever starts with them, and nobody else.
     """
-    access = process.says.access
-    rules = {
-        rule.name: rule
-        for subject, (_line, given) in (access.subjects.items() if access is not None else ())
-        for rule in given
-        if not subject.authenticated and rule.allow and any(rule.is_about(kind, Flow.INGRESS) for kind in _TAKEN)
-    }
-    if rules and process.says.starts:
-        keys = [text for rule in rules.values() for text, _line in rule.keys]
-        kinds = sorted({kind.value for rule in rules.values() for kind in _TAKEN if rule.is_about(kind, Flow.INGRESS)})
+    rules = _of_anybody(process, *_TAKEN)
+    if rules:
+        keys = [text for rule in rules for text, _line in rule.keys]
+        kinds = sorted({kind.value for rule in rules for kind in _TAKEN if rule.is_about(kind, Flow.INGRESS)})
         message = f"{process.name} takes {listed(kinds)} on {listed(dict.fromkeys(keys))} from anybody."
-        yield found(process, message, *(rule.line for rule in rules.values()), key=f"{sorted(keys)}")
+        yield found(process, message, *(rule.line for rule in rules), key=f"{sorted(keys)}")
+
+
+def _of_anybody(process: Process, *kinds: Kind) -> Sequence[Written]:
+    """The rules that let such messages in from a subject that nobody has to prove to be."""
+    access = process.says.access if process.says.starts else None
+    subjects = access.subjects.items() if access is not None else ()
+    given = (rule for subject, (_line, rules) in subjects if not subject.authenticated for rule in rules if rule.allow)
+    return [*{r.name: r for r in given if any(r.is_about(kind, Flow.INGRESS) for kind in kinds)}.values()]
+
+
+@rule(
+    "KA835",
+    Severity.LOW,
+    facts.ROUTED_ACCESS,
+    outside(NAMED),
+)
+def graph_from_anybody(process: Process) -> Iterator[Violation]:
+    """A policy lets a subject that nobody has to prove to be announce nodes: what ROS tools list can be made up.
+
+    The graph is what liveliness tokens say (`@ros2_lv`, measured). Data is not let in by them, so that nodes do what
+    they do; people and tools that look for a node, or wait for one, are misled.
+    """
+    rules = _of_anybody(process, Kind.TOKEN)
+    if rules:
+        message = f"{process.name} takes the announcements of nodes from anybody."
+        yield found(process, message, *(rule.line for rule in rules))
 
 
 @rule(

@@ -14,6 +14,8 @@ from tests.oracles.zenoh.deployment import Configuration, access, allow, deny, k
 CHATTER = "0/chatter/*/*"
 SENDS = [allow(CHATTER, "put", flows=["egress"]), allow(CHATTER, "declare_subscriber", flows=["ingress"])]
 TAKES = [allow(CHATTER, "put", flows=["ingress"]), allow(CHATTER, "declare_subscriber", flows=["egress"])]
+GRAPH = [allow("@ros2_lv/0/**", "liveliness_token")]
+SEEN = [allow("@ros2_lv/0/**", "liveliness_token", flows=["egress"])]
 Files = dict[str, Configuration | str]
 Change = Callable[[Path], Mapping[str, Configuration | str | None]]
 
@@ -120,6 +122,24 @@ WRONG: Mapping[str, tuple[Change, set[str]]] = {
     "by id": (
         lambda root: {"listener": changed(root, "listener", **access(({"zids": ["ab"]}, TAKES)))},
         {"KA807 high"},
+    ),
+    "graph": (
+        lambda root: {
+            "listener": changed(root, "listener", **access(({"cert_common_names": ["/named"]}, TAKES), ({}, GRAPH)))
+        },
+        {"KA835 low"},
+    ),
+    "graph by name": (
+        lambda root: {
+            "listener": changed(root, "listener", **access(({"cert_common_names": ["/named"]}, [*TAKES, *GRAPH])))
+        },
+        set(),
+    ),
+    "graph seen": (
+        lambda root: {
+            "listener": changed(root, "listener", **access(({"cert_common_names": ["/named"]}, TAKES), ({}, SEEN)))
+        },
+        set(),
     ),
     "unchecked": (
         lambda root: {"listener": changed(root, "listener", tls={"verify_name_on_connect": False})},

@@ -214,6 +214,20 @@ def stories() -> Iterator[Story]:
     yield from _restrained()
     yield from _beyond()
     yield from _longer()
+    graph = rule("graph", ["liveliness_token"], "ingress", "@ros2_lv/0/**")
+    announced = access(named("/talker"), *TAKES, graph)
+    announced["subjects"].append({"id": "anybody"})
+    announced["policies"] = [
+        {"rules": [each["id"] for each in TAKES], "subjects": ["others"]},
+        {"rules": ["graph"], "subjects": ["anybody"]},
+    ]
+    yield from _pair(
+        "KA835",
+        Case("/listener lets anybody announce nodes.", PAIR),
+        {**GOOD, "listener": listener(access_control=announced)},
+        "/listener lets /talker announce nodes.",
+        {**GOOD, "listener": listener(access_control=access(named("/talker"), *TAKES, graph))},
+    )
     other = [rule(each["id"], each["messages"], each["flows"][0], "42/chatter/*/*") for each in TAKES]
     yield from _pair(
         "KA823",
