@@ -1,4 +1,4 @@
-"""TurtleSim over sessions and a router: as the generator of ROS 2 makes its files, and in a form that holds."""
+"""Systems over sessions and a router: as the generator of ROS 2 makes files, in a form that holds, and nearly so."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from keystore_audit.zenoh.answers import channels, plain
 from keystore_audit.zenoh.suggested import Configuration, Party, router_and_clients
 
-from .healthy import TURTLESIM, healthy
+from .healthy import TURTLESIM, VEHICLE, healthy
 from .network_stories import HOST, files_of, session, tls, written
 from .policy import Node
 from .store import Store
@@ -22,12 +22,13 @@ GRAPH = "@ros2_lv/0/**"
 
 
 def stories() -> Iterator[Story]:
-    """Both."""
+    """All of them."""
     yield _story(
         "turtlesim_generated",
         "TurtleSim with files as zenoh_security_tools makes them: TLS on both sides, and access control whose subjects "
         "are anybody, so that each file restrains its owner alone. /random writes /high_priority, and moves the turtle "
         "itself, by starting without its file; the router has no rules at all.",
+        TURTLESIM,
         {each.strip("/"): _generated(each, node) for each, node in TURTLESIM.items()}
         | {"zenohd": _router_without_rules()},
     )
@@ -35,24 +36,36 @@ def stories() -> Iterator[Story]:
         "turtlesim_clients",
         "The same system in a form that holds: every session is a client of one router, listens nowhere, checks the "
         "router's name and takes data from the router alone; the router knows each by its certificate.",
-        _clients(),
+        TURTLESIM,
+        _clients(TURTLESIM),
+    )
+    vehicle = _clients(VEHICLE)
+    (brake,) = (each for each in vehicle["zenohd"]["access_control"]["subjects"] if each["id"] == "/brake")
+    brake["cert_common_names"].append("/infotainment")
+    yield _story(
+        "vehicle_router",
+        "A vehicle in the form that holds but for one name: somebody tried /motor_limit from /infotainment, and left "
+        "it in the router's subject that is the brake. What the brake may do it may do since, so that it limits the "
+        "motor; its signed permissions say nothing of that.",
+        VEHICLE,
+        vehicle,
     )
 
 
-def _story(name: str, text: str, files: Mapping[str, Configuration]) -> Story:
+def _story(name: str, text: str, nodes: Mapping[str, Node], files: Mapping[str, Configuration]) -> Story:
     folder = f"networks/{name}"
     return Story(
         directory=f"zenoh/{name}",
         text=text,
-        tree=_keystore().tree(),
+        tree=_keystore(name.partition("_")[0], nodes).tree(),
         options=("--zenoh", folder),
         beside={f"{folder}/{each}.json5": written(content) for each, content in files.items()},
     )
 
 
-def _keystore() -> Store:
-    """That of TurtleSim, with an identity for the router, all of them for the host."""
-    store = healthy("turtlesim", {**TURTLESIM, ROUTER: Node(name="zenohd")})
+def _keystore(system: str, nodes: Mapping[str, Node]) -> Store:
+    """That of a system, with an identity for the router, all of them for the host."""
+    store = healthy(system, {**nodes, ROUTER: Node(name="zenohd")})
     enclaves = tuple(replace(each, certificate=replace(each.certificate, host=HOST)) for each in store.enclaves)
     return replace(store, enclaves=enclaves)
 
@@ -108,7 +121,7 @@ def _router_without_rules() -> Configuration:
     return session("zenohd", mode="router", listen=listens, scouting=gossip, transport=_unchecked("zenohd"))
 
 
-def _clients() -> Mapping[str, Configuration]:
+def _clients(nodes: Mapping[str, Node]) -> Mapping[str, Configuration]:
     """As `suggest` writes it from the policy without what every node has, for the topics alone."""
     parties = [
         Party(
@@ -121,7 +134,7 @@ def _clients() -> Mapping[str, Configuration]:
                 for _operation, key in channels(operation, f"/{topic}", 0)
             ),
         )
-        for path, node in sorted(TURTLESIM.items())
+        for path, node in sorted(nodes.items())
     ]
     router, clients = router_and_clients(Party(name=ROUTER, files=files_of("zenohd")), parties, f"tls/{HOST}:7447", 0)
     return {"zenohd": router, **{each.name.strip("/"): own for each, own in zip(parties, clients, strict=True)}}

@@ -41,6 +41,8 @@ def sessions(name: str, port: int, *without_file: str) -> dict[str, Any]:
         ("turtlesim_clients", "random", "multiplexer", "low_priority", (), "yes"),
         ("turtlesim_clients", "multiplexer", "turtlesim", "move_turtle", (), "yes"),
         ("turtlesim_clients", "keyboard", "turtlesim", "move_turtle", ("keyboard",), "no"),
+        ("vehicle_router", "infotainment", "motor", "motor_limit", (), "yes"),
+        ("vehicle_router", "telematics", "motor", "motor_limit", ("telematics",), "no"),
         ("turtlesim_clients", "zenohd", "multiplexer", "rosout", (), "no"),
         ("turtlesim_clients", "zenohd", "multiplexer", "rosout", ("zenohd",), "yes"),
     ],
