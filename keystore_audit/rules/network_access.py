@@ -29,7 +29,7 @@ MAX_ASKED: Final = 500
 """Rights that are asked about without the own file: a few seconds."""
 
 NAMED: Final = (
-    f"`keystore-audit suggest KEYSTORE --as {facts.NETWORK_FORM} --router ENCLAVE -o DIR` writes files that hold: all "
+    f"`keystore-audit suggest KEYSTORE --as {facts.NETWORK_FORM} --router PATH -o DIR` writes files that hold: all "
     "sessions are clients of one router, whose rules name certificates. By hand: in every file, give policies subjects "
     "with cert_common_names, for what comes in and for what goes out."
 )
