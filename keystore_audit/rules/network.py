@@ -120,14 +120,17 @@ def router_not_verified(process: Process, context: Context) -> Iterator[Violatio
     """Whoever connects does not check whom it reached: each enclave can play the router, or any other listener.
 
     So can the holder of any certificate that a public authority made, since those are always trusted beside the CA of
-    the keystore. Certificates as sros2 makes them have no alternative name: with the check no link comes about, medium.
+    the keystore. Where a process denies by default and its rules go by names alone, whoever answers has the rights of
+    his own name (measured), and can keep others' data away: low. Certificates as sros2 makes them have no alternative
+    name: with the check no link comes about, medium.
     """
     secured = [end for end in _ends(process) if end in process.says.connects and end.protocol in SECURED]
     unchecked = [end for end in secured if process.says.tls(end, "verify_name_on_connect")[0] is False]
     if unchecked:
         message = f"{process.name} connects to {quoted(unchecked[0].text)} and takes any enclave for it"
         line = process.says.tls(unchecked[0], "verify_name_on_connect")[1]
-        yield found(process, f"{message}{more_like(unchecked)}.", line)
+        severity = Severity.LOW if process.says.access is not None and process.says.access.by_names else None
+        yield found(process, f"{message}{more_like(unchecked)}.", line, severity=severity)
     checked = [end for end in secured if end not in unchecked]
     nameless = [
         each.name

@@ -89,6 +89,11 @@ class AccessControl(Struct, frozen=True, kw_only=True):
     unused: tuple[tuple[str, int], ...]
     """Rules and subjects that no policy names, with their lines."""
 
+    @property
+    def by_names(self) -> bool:
+        """Whether nothing passes but what some rule allows to a certificate's name."""
+        return not self.allows and all(subject.name is not None for subject in self.subjects)
+
 
 class Remote(Struct, frozen=True):
     """What a process knows of another over their link.

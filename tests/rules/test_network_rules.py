@@ -16,6 +16,7 @@ SENDS = [allow(CHATTER, "put", flows=["egress"]), allow(CHATTER, "declare_subscr
 TAKES = [allow(CHATTER, "put", flows=["ingress"]), allow(CHATTER, "declare_subscriber", flows=["egress"])]
 GRAPH = [allow("@ros2_lv/0/**", "liveliness_token")]
 SEEN = [allow("@ros2_lv/0/**", "liveliness_token", flows=["egress"])]
+UNCHECKED = {"verify_name_on_connect": False}
 Files = dict[str, Configuration | str]
 Change = Callable[[Path], Mapping[str, Configuration | str | None]]
 
@@ -142,7 +143,26 @@ WRONG: Mapping[str, tuple[Change, set[str]]] = {
         set(),
     ),
     "unchecked": (
-        lambda root: {"listener": changed(root, "listener", tls={"verify_name_on_connect": False})},
+        lambda root: {"listener": changed(root, "listener", tls=UNCHECKED)},
+        {"KA811 low"},
+    ),
+    "unchecked, what is denied to names": (
+        lambda root: {
+            "listener": changed(
+                root, "listener", tls=UNCHECKED, **access(({"cert_common_names": ["/named"]}, TAKES), default="allow")
+            )
+        },
+        {"KA805 high", "KA811 high"},
+    ),
+    "unchecked, by name and by link": (
+        lambda root: {
+            "listener": changed(
+                root,
+                "listener",
+                tls=UNCHECKED,
+                **access(({"cert_common_names": ["/named"]}, TAKES), ({"link_protocols": ["tls"]}, SEEN)),
+            )
+        },
         {"KA811 high"},
     ),
     "nameless": (

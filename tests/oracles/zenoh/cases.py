@@ -8,7 +8,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from tests.oracles.zenoh.deployment import Configuration, access, allow, deny, session, tls, tool
+from tests.oracles.zenoh.deployment import ALL, Configuration, access, allow, deny, session, tls, tool
 
 K = "0/chatter/T/H"
 
@@ -37,7 +37,16 @@ class Case(Struct, frozen=True):
 def cases(root: Path, port: int) -> Iterator[Case]:
     """All of them; `port`: the first of a hundred that are free for each. `root`: the keystore."""
     for number, make in enumerate(
-        (*_links(root), *_names(root), *_routers(), *_tools(), *_meshes(root), *_modes(), *_announced(root))
+        (
+            *_links(root),
+            *_names(root),
+            *_routers(),
+            *_tools(),
+            *_meshes(root),
+            *_modes(),
+            *_announced(root),
+            *_impostors(root),
+        )
     ):
         yield make(f"127.0.0.1:{port + 3 * number}", f"127.0.0.1:{port + 3 * number + 1}")
 
@@ -317,5 +326,26 @@ def _announced(root: Path) -> Iterator[Any]:
             )
             files = tuple(each for each in there if each != "who")
             return Case(name, said, there, files, "who", "whom", as_if=None if scouted else "random")
+
+        yield make
+
+
+def _impostors(root: Path) -> Iterator[Any]:
+    """Somebody waits where a session takes him for its router, unchecked: its rules go by the name that he shows."""
+    rules = [allow("0/**", *ALL)]
+    for name, mode, who, does, measured in (
+        ("I1", "client", "named", "put", "yes"), ("I2", "client", "random", "put", "no"),
+        ("I3", "client", "named", "read", "yes"), ("I4", "client", "random", "read", "no"),
+        ("I5", "peer", "random", "put", "no"), ("I6", "peer", "random", "read", "no"),
+        ("I7", "client", "random", "answer", "no"), ("I8", "client", "random", "get", "no"),
+    ):  # fmt: skip
+
+        def make(
+            a: str, _b: str, name: str = name, mode: str = mode, who: str = who, does: str = does, said: str = measured
+        ) -> Case:
+            own = access(({"cert_common_names": ["/named"]}, rules))
+            theirs = session(mode, connect=[f"tls/{a}"], **tls(root, "listener"), **own)
+            mine = session("router", listen=[f"tls/{a}"], **tls(root, who))
+            return Case(name, said, {"whom": theirs, "who": mine}, ("whom", "who"), "who", "whom", does)
 
         yield make
