@@ -30,7 +30,7 @@ from keystore_audit.text import terminal
 from keystore_audit.zenoh.answers import channels, plain
 from keystore_audit.zenoh.links import alternative_names
 from keystore_audit.zenoh.network import common_name
-from keystore_audit.zenoh.suggested import Party, router_and_clients, written
+from keystore_audit.zenoh.suggested import Party, peers, router_and_clients, written
 
 LAST_OF_OPEN_RANGE: Final = 230
 """The domain that ends a range without an end: the last that an id may be (DDS-Security 1.1, Annex A)."""
@@ -107,45 +107,60 @@ class Suggester:
             raise UsageError(f"The governance of {policy.path!r} names no domain: say which with --domain.")
         return _grant(policy, certificate, domains)
 
-    def network(self, policy: LeastPolicy | None, router: str) -> SuggestedNetwork:
+    def network(self, policy: LeastPolicy | None, router: str | None, addresses: Mapping[str, str]) -> SuggestedNetwork:
         """Files that grant what a policy says, or (None) what permissions grant by name, in the given domain.
 
-        `router`: the enclave whose certificate the router has; sessions connect to the first host that it is for.
-        Nothing is granted that cannot be said exactly. Raises UsageError where there is no such enclave or host, or
-        others have its common name.
+        `router`: the enclave whose certificate the router has, None: sessions are peers. `addresses`: by enclave host
+        and port where it listens; a router else at the first host that its certificate is for. Nothing is granted that
+        cannot be said exactly. Raises UsageError where there is no such enclave or address, or others have its common
+        name.
         """
-        center = self._enclaves.get(router)
-        if center is None or center.identity is None:
-            raise UsageError(f"There is no enclave {router!r} with a certificate, which a router could have.")
-        host = next((each for each in alternative_names(center.identity) if _HOST.fullmatch(each)), None)
-        if host is None:
-            raise UsageError(f"The certificate of {router!r} names no host, and so no session could check it (KA811).")
+        for path in sorted(({*addresses} if router is None else {router}) - {*self._enclaves}):
+            raise UsageError(f"There is no enclave {path!r}, which could listen.")
+        if router is not None:
+            addresses = {router: addresses.get(router) or self._own_address(router)}
         names = Counter(self._party(each).name for each in self._keystore.enclaves)
         shared = {name for name, number in names.items() if number > 1 or not name.strip()}
-        if self._party(center).name in shared:
-            raise UsageError(f"The certificate of {router!r} has no common name, or one that others have.")
         domain = self._domain or 0
         left_out: list[str] = []
-        clients: dict[str, Party] = {}
+        parties: dict[str, Party] = {}
         for path, enclave in sorted(self._enclaves.items()):
-            party = self._party(enclave)
+            party = self._party(enclave, addresses.get(path, ""))
+            if path == router and party.name in shared:
+                raise UsageError(f"The certificate of {router!r} has no common name, or one that others have.")
             if party.name in shared or not is_path(path):
                 left_out.append(f"{path} gets no file: its certificate has no common name, or one that others have.")
-            elif enclave is not center:
+                continue
+            if path != router:
                 rights, doubts = self._by_permissions(enclave) if policy is None else _by_policy(policy, path)
                 left_out += (f"{path} is not granted {doubt}." for doubt in doubts)
                 keys = (each for action, name in rights for each in channels(action.value, name, domain))
-                clients[path] = replace(party, rights=frozenset((operation, plain(key)) for operation, key in keys))
-        made, own = router_and_clients(self._party(center), [*clients.values()], f"tls/{host}:7447", domain)
-        files = {router: made, **dict(zip(clients, own, strict=True))}
-        return SuggestedNetwork(files={path: written(each) for path, each in files.items()}, left_out=tuple(left_out))
+                party = replace(party, rights=frozenset((operation, plain(key)) for operation, key in keys))
+            parties[path] = party
+        if router is None:
+            own, apart = peers([*parties.values()], domain)
+            left_out += (f"{one} and {other} have no link: neither listens (--listen)." for one, other in apart)
+            made = dict(zip(parties, own, strict=True))
+        else:
+            center = parties.pop(router)
+            first, own = router_and_clients(center, [*parties.values()], domain)
+            made = {router: first, **dict(zip(parties, own, strict=True))}
+        return SuggestedNetwork(files={path: written(each) for path, each in made.items()}, left_out=tuple(left_out))
 
-    def _party(self, enclave: Enclave) -> Party:
+    def _own_address(self, path: str) -> str:
+        """That of the first host that the certificate of the enclave is for."""
+        host = next((each for each in _hosts(self._enclaves[path]) if _HOST.fullmatch(each)), None)
+        if host is None:
+            raise UsageError(f"The certificate of {path!r} names no host: say where it listens with --listen.")
+        return f"{host}:7447"
+
+    def _party(self, enclave: Enclave, address: str = "") -> Party:
         """Without rights."""
         root = os.path.realpath(self._keystore.root)
         places = {role: os.path.join(root, file.path) for role, file in enclave.files.files.items()}
         name = common_name(enclave.identity) if enclave.identity is not None else None
-        return Party(name=name or "", files=places)
+        verified = address.rpartition(":")[0] in _hosts(enclave)
+        return Party(name=name or "", files=places, address=address, verified=verified)
 
     def _by_permissions(self, enclave: Enclave) -> tuple[Rights, list[str]]:
         """What its permissions grant by name, whoever reads them, and what else they list."""
@@ -173,6 +188,11 @@ class Suggester:
         highest = max((each.high for each in ranges if each.high is not None), default=0)
         last = max(LAST_OF_OPEN_RANGE, highest)
         return tuple(DomainRange(low=low, high=min(high, last), line=None) for low, high in covered(ranges))
+
+
+def _hosts(enclave: Enclave) -> tuple[str, ...]:
+    """Names and addresses that its certificate is for."""
+    return alternative_names(enclave.identity) if enclave.identity is not None else ()
 
 
 def _by_policy(policy: LeastPolicy, path: str) -> tuple[Rights, list[str]]:

@@ -17,7 +17,7 @@ from keystore_audit.profiles import facts
 
 if TYPE_CHECKING:
     from keystore_audit.model.intended.observed_needs import EnclavePolicy
-    from keystore_audit.suggest import Suggester, Suggestion
+    from keystore_audit.suggest import SuggestedNetwork, Suggester, Suggestion
 
 POLICY: Final = "policy"
 PERMISSIONS: Final = "permissions"
@@ -43,7 +43,15 @@ CONFIGURATION: Final = "process.json5"
     default=POLICY,
     help=facts.SUGGESTED_FORMS,
 )
-@click.option("--router", metavar="PATH", help="The enclave whose certificate the router has.")
+@click.option("--router", metavar="PATH", help="The enclave whose certificate the router has (without: peers).")
+@click.option(
+    "--listen",
+    "addresses",
+    type=types.listening,
+    multiple=True,
+    metavar="PATH=HOST:PORT",
+    help="Where the router listens, or a peer (repeatable): of any two with rights to share, one has to.",
+)
 @click.option("--enclave", metavar="PATH", help="Only this enclave.")
 @click.option("--no-usual", is_flag=True, help="Leave out what every node has: log, parameters, type description.")
 @opt.file(
@@ -74,8 +82,11 @@ def command(keystore: str, **given: Any) -> int:
         raise click.UsageError("Name what the nodes do: --graph, --launch or --policy.")
     if given["include"] is not None and given["policy"] is None:
         raise click.UsageError("--policy-include says where a policy includes from: name one with --policy.")
-    if networked != (given["router"] is not None) or (networked and given["place"] is None):
-        raise click.UsageError(f"--router PATH, -o DIR and --as {NETWORK} belong together.")
+    router, addresses = given["router"], dict(given["addresses"])
+    if networked != bool(router or addresses) or (networked and given["place"] is None):
+        raise click.UsageError(f"--router PATH or --listen PATH=HOST:PORT, -o DIR and --as {NETWORK} belong together.")
+    if router is not None and {*addresses} - {router}:
+        raise click.UsageError("The clients of a router listen nowhere.")
     if networked and (given["enclave"] is not None or (given["no_usual"] and not observed)):
         raise click.UsageError("A network is of all enclaves, and permissions do not say what is usual.")
     opt.check_launch_arguments(given["launch_arguments"], given["launches"])
@@ -90,7 +101,8 @@ def command(keystore: str, **given: Any) -> int:
     suggester = Suggester(keystore, intents, read)
     suggestion = suggester.suggestion(usual=not given["no_usual"])
     if networked:
-        return _write_network(keystore, suggester, suggestion if observed else None, given["router"], given["place"])
+        network = suggester.network(suggestion.policy if observed else None, router, addresses)
+        return _write_network(keystore, network, suggestion if observed else None, given["place"])
     enclaves = _chosen(suggestion, given["enclave"])
     if given["form"] == POLICY:
         _write_policy(keystore, suggestion, enclaves, given["place"])
@@ -145,9 +157,8 @@ def _write_permissions(
     _write_all(keystore, PERMISSIONS, documents, place)
 
 
-def _write_network(keystore: str, suggester: Suggester, suggestion: Suggestion | None, router: str, place: Path) -> int:
+def _write_network(keystore: str, network: SuggestedNetwork, suggestion: Suggestion | None, place: Path) -> int:
     """A file for each enclave. Return the exit code."""
-    network = suggester.network(suggestion.policy if suggestion is not None else None, router)
     if place.exists():
         raise UsageError(f"{place} is there already: old files beside new ones would count too.")
     documents = {_folder_of(path, place) / CONFIGURATION: text for path, text in network.files.items()}

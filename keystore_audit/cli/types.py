@@ -219,6 +219,14 @@ def launch_argument(value: str) -> tuple[str, str]:
     return name, content
 
 
+def listening(value: str) -> tuple[str, str]:
+    """Return path and address of `ENCLAVE=HOST:PORT`."""
+    path, _sign, address = value.partition("=")
+    if not path or not re.fullmatch(r"[A-Za-z0-9.-]+:[0-9]{1,5}", address):
+        raise click.BadParameter(f"{value!r} is not ENCLAVE=HOST:PORT, e.g. /arm=10.0.0.5:7447.")
+    return path, address
+
+
 def executor_address(value: str) -> str:
     """Return HOST:PORT of `dask://HOST:PORT`."""
     scheme, separator, address = value.partition("://")

@@ -82,7 +82,7 @@ OWN_ACCESS_CONTROL: Final = "rmw_zenoh reads its access control from its own con
 AUDIT_ITS_CONFIGURATION: Final = "With rmw_zenoh, audit the configuration of its routers and sessions."
 NETWORK_OPTION: Final = "--zenoh"
 NETWORK_FORM: Final = "zenoh"
-SUGGESTED_FORMS: Final = "An SROS2 policy, permissions ready to be signed, or the files of Zenoh clients and a router."
+SUGGESTED_FORMS: Final = "An SROS2 policy, permissions ready to be signed, or the files of Zenoh sessions."
 EXPECTED_FILES: Final = "expected the folder of the session and router files of Zenoh"
 OVERRIDE_OF_CONFIGURATION: Final = "ZENOH_CONFIG_OVERRIDE"
 """The variable that replaces values of every configuration, after the file (measured)."""

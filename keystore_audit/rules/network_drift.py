@@ -22,14 +22,13 @@ from keystore_audit.rules.network_access import NAMED
 from keystore_audit.rules.registry import Context, Violation, more_like, rule
 from keystore_audit.truth import Truth
 from keystore_audit.zenoh.answers import Reached, channels, rights_in
-from keystore_audit.zenoh.names import MAX_RIGHTS, names_in, rule_domains, written_names
+from keystore_audit.zenoh.names import MAX_RIGHTS, OTHER_SIDE, names_in, rule_domains, written_names
 from keystore_audit.zenoh.network import Network, is_session
 
 Granted = Callable[[Enclave, Sequence[Use]], Truth]
 """Whether an enclave was given all of it."""
 _Asked = tuple[Enclave, str, str, int]
 """Who, what, on which name of ROS 2, in which domain."""
-OTHER_SIDE: Final = {"publish": "subscribe", "subscribe": "publish", "request": "reply", "reply": "request"}
 WORDS: Final = {"publish": "publish", "subscribe": "subscribe to", "request": "call", "reply": "serve"}
 
 

@@ -17,6 +17,9 @@ from keystore_audit.zenoh.network import Network, Process
 MAX_RIGHTS: Final = 2_000
 """Rights that are asked one by one: some 15 seconds among 40 processes."""
 
+OTHER_SIDE: Final = {"publish": "subscribe", "subscribe": "publish", "request": "reply", "reply": "request"}
+"""By operation that of whom it reaches."""
+
 _OF_TOPICS: Final = ("publish", "subscribe")
 _OF_SERVICES: Final = ("request", "reply")
 _ANY: Final = "any"

@@ -1,9 +1,9 @@
-"""Files for sessions that are clients of one router, which knows each by its certificate: form (a) of docs/zenoh.md."""
+"""Files for sessions that know each other, or one router, by certificates: the two forms of docs/zenoh.md."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from msgspec import Struct
@@ -13,6 +13,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.zenoh.access_control import Flow, Kind
 from keystore_audit.zenoh.answers import PASSING
 from keystore_audit.zenoh.configuration import Mode
+from keystore_audit.zenoh.names import OTHER_SIDE
 
 Configuration = dict[str, Any]
 
@@ -23,12 +24,25 @@ class Party(Struct, frozen=True, kw_only=True):
     """Whoever takes part.
 
     `name`: the first common name of its certificate. `files`: where certificate, key and identity CA are on the robot.
-    `rights`: operations with the keys that they are about (`answers.channels`, `answers.plain`).
+    `rights`: operations with the keys that they are about (`answers.channels`, `answers.plain`). `address`: host and
+    port where it listens, empty: nowhere. `verified`: whether its certificate is for that host.
     """
 
     name: str
     files: Mapping[Role, str]
     rights: frozenset[tuple[str, str]] = frozenset()
+    address: str = ""
+    verified: bool = False
+
+    @property
+    def listening(self) -> Configuration:
+        """The section `listen`."""
+        return {"endpoints": [f"tls/{self.address}"] if self.address else []}
+
+    @property
+    def reached(self) -> str:
+        """The endpoint that others connect to. Rules go by its name, whether or not its host can be checked."""
+        return f"tls/{self.address}{'' if self.verified else '#verify_name_on_connect=false'}"
 
 
 def secured(files: Mapping[Role, str]) -> Configuration:
@@ -56,16 +70,16 @@ def process(files: Mapping[Role, str], **changed: Any) -> Configuration:
 
 
 def router_and_clients(
-    router: Party, clients: Sequence[Party], endpoint: str, domain: int
+    router: Party, clients: Sequence[Party], domain: int
 ) -> tuple[Configuration, list[Configuration]]:
-    """What the router starts with, which listens at the endpoint, and what each client does.
+    """What the router starts with, and what each client does.
 
     The router lets each do what it has a right to; a client takes from the router alone, and whatever that hands on.
     """
-    ends = {"endpoints": [endpoint]}
+    ends = {"endpoints": [router.reached]}
     tokens = f"@ros2_lv/{domain}/**"
     graph = _rule("graph", _GRAPH_KINDS, Flow, tokens)
-    known = _access_control({each.name: [graph, *_rules(each)] for each in clients})
+    known = _access_control({each.name: [graph, *_rules(each.name, each.rights, Flow.INGRESS)] for each in clients})
     made = []
     for each in clients:
         passing = (kind for operation, _key in sorted(each.rights) for kind, _away in PASSING[operation])
@@ -73,15 +87,45 @@ def router_and_clients(
         trusted = _rule("of_the_router", kinds, Flow, f"{domain}/**", tokens)
         own = _access_control({router.name: [trusted]})
         made.append(process(each.files, mode=Mode.CLIENT.value, connect=ends, access_control=own))
-    return process(router.files, mode=Mode.ROUTER.value, listen=ends, access_control=known), made
+    return process(router.files, mode=Mode.ROUTER.value, listen=router.listening, access_control=known), made
 
 
-def _rules(party: Party) -> Iterator[Configuration]:
-    """What the router takes from it, and what it hands to it."""
-    for operation, keys in gathered(sorted(party.rights)).items():
+def peers(parties: Sequence[Party], domain: int) -> tuple[list[Configuration], list[tuple[str, str]]]:
+    """What each starts with, linked with whoever has the other side of some right of its own, and with nobody else; and
+    by name the pairs that have no link, since neither listens.
+
+    Each file lets out and in what its owner and the other both have a right to.
+    """
+    graph = _rule("graph", _GRAPH_KINDS, Flow, f"@ros2_lv/{domain}/**")
+    made, apart = [], []
+    for own in parties:
+        known, ends = {}, []
+        for other in parties:
+            shared = {(does, key) for does, key in own.rights if (OTHER_SIDE[does], key) in other.rights}
+            if other is own or not shared:
+                continue
+            known[other.name] = [graph, *_rules(other.name, shared, Flow.EGRESS)]
+            if other.address and (own.name < other.name or not own.address):
+                ends.append(other.reached)
+            elif own.name < other.name and not own.address:
+                apart.append((own.name, other.name))
+        made.append(
+            process(
+                own.files,
+                listen=own.listening,
+                connect={"endpoints": ends},
+                access_control=_access_control(known),
+            )
+        )
+    return made, apart
+
+
+def _rules(name: str, rights: Collection[tuple[str, str]], away: Flow) -> Iterator[Configuration]:
+    """About whoever has the name: what passes, `away` from whoever has the rights or back."""
+    for operation, keys in gathered(sorted(rights)).items():
         for flow in Flow:
-            kinds = [kind for kind, away in PASSING[operation] if away is (flow is Flow.INGRESS)]
-            yield _rule(f"{operation} {party.name} {flow.value}", kinds, (flow,), *keys)
+            kinds = [kind for kind, is_away in PASSING[operation] if is_away is (flow is away)]
+            yield _rule(f"{operation} {name} {flow.value}", kinds, (flow,), *keys)
 
 
 def _rule(name: str, kinds: Iterable[Kind], flows: Iterable[Flow], *keys: str) -> Configuration:

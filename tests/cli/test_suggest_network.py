@@ -1,4 +1,4 @@
-"""`suggest --as zenoh`: what clients and their router start with grants what is granted, and never more."""
+"""`suggest --as zenoh`: what sessions and a router start with grants what is granted, and never more."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import pytest
 from tests.cli.keystores import AT, answer, keystore, rule, run_at
 
 SERVICE = ("rq/addRequest", "rr/addReply")
-ROUTER: tuple[str, ...] = ("--as", "zenoh", "--router", "/zenohd")
+AS = ("--as", "zenoh")
+ROUTER: tuple[str, ...] = (*AS, "--router", "/zenohd")
 
 
 def suggested(keys: Path, folder: Path, *more: str | Path) -> tuple[int, str]:
@@ -42,23 +43,85 @@ def granted(folder: Path, name: str = "/talker") -> set[str]:
     }
 
 
+PEERS = (
+    *("--listen", "/multiplexer=10.0.0.5:7447", "--listen", "/turtlesim=10.0.0.6:7447"),
+    *("--listen", "/keyboard=10.0.0.6:7448"),
+)
+STOCK = "healthy/turtlesim"
+"""Its certificates are those of sros2, for no host."""
+
+
+@pytest.mark.parametrize(
+    ("sample", "form"),
+    [
+        ("zenoh/turtlesim_clients", ROUTER[2:]),
+        (STOCK, ("--router", "/random", "--listen", "/random=10.0.0.5:7447")),
+        (STOCK, PEERS),
+    ],
+)
 def test_a_sample_is_written_so_that_it_audits_clean_and_grants_what_permissions_grant(
-    repository: Path, tmp_path: Path
+    sample: str, form: tuple[str, ...], repository: Path, tmp_path: Path
 ) -> None:
-    keys, folder = repository / "sample_keystores/zenoh/turtlesim_clients", tmp_path / "network"
-    assert suggested(keys, folder) == (0, "")
+    keys, folder = repository / "sample_keystores" / sample, tmp_path / "network"
+    assert answer("suggest", keys, "--at", AT, *AS, *form, "-o", folder) == (0, "")
     code, report = answer("audit", keys, "--zenoh", folder, "--at", AT, "--engine", "native", "--select", "KA8")
     assert code == 0, report
     answers = set()
     enclaves, topics = ("keyboard", "random", "multiplexer", "turtlesim"), ("high_priority", "low_priority")
     for enclave, operation, topic in product(enclaves, ("publish", "subscribe"), topics):
+        if f"/{enclave}" in form:  # the router
+            continue
         question = ("can", keys, f"/{enclave}", operation, f"/{topic}", "--at", AT, "-f", "json")
         signed, routed = (json.loads(answer(*question, *more)[1]) for more in ((), ("--zenoh", folder)))
         (by_permissions,) = {each["effective"] for each in signed["decisions"].values()}
         (both,) = {(each["decision"], each["effective"]) for each in routed["decisions"].values()}
-        assert both == (by_permissions, by_permissions), question
+        alone = topic == "low_priority" and form[1] == "/random"  # whose other side is the router's enclave
+        assert both == (by_permissions, by_permissions) or alone, question
         answers.add(by_permissions)
     assert answers == {"allow", "deny"}
+
+
+@pytest.mark.parametrize(
+    ("left", "said"),
+    [
+        ((), ()),
+        (("/keyboard",), ("/keyboard and /random have no link",)),
+        (("/turtlesim", "/multiplexer"), ("/random and /turtlesim", "/multiplexer and /turtlesim")),
+    ],
+)
+def test_two_peers_of_whom_neither_listens_are_told(
+    left: tuple[str, ...], said: tuple[str, ...], repository: Path, tmp_path: Path
+) -> None:
+    words = [each for each in PEERS if each.partition("=")[0] not in left and each != "--listen"]
+    given = [each for word in words for each in ("--listen", word)]
+    done = run_at(
+        tmp_path,
+        "suggest",
+        f"{repository / 'sample_keystores' / STOCK}",
+        "--at",
+        AT,
+        "--as",
+        "zenoh",
+        *given,
+        "-o",
+        "new",
+    )
+    assert done.returncode == (4 if said else 0)
+    assert all(each in " ".join(done.stderr.split()) for each in said), done.stderr
+
+
+@pytest.mark.parametrize(("host", "ending"), [("arm", ""), ("leg", "#verify_name_on_connect=false"), (None, "#")])
+def test_a_host_is_checked_where_the_certificate_is_for_it(host: str | None, ending: str, tmp_path: Path) -> None:
+    """Of two peers that both listen one connects."""
+    keys = keys_with(tmp_path, rule(("rt/chatter",)), host=host)
+    folder = tmp_path / "network"
+    given = ("--listen", "/talker=arm:7447", "--listen", "/other=arm:7448")
+    assert answer("suggest", keys, "--at", AT, *AS, *given, "-o", folder)[0] == 0
+    ends = {each.parent.name: json.loads(each.read_text())["connect"]["endpoints"] for each in folder.rglob("*.json5")}
+    assert ends["talker"] == ends["zenohd"] == []
+    (found,) = ends["other"]
+    assert found.startswith(f"tls/arm:7447{ending}")
+    assert bool(ending) is ("#" in found)
 
 
 def test_the_committed_network_is_what_is_suggested_of_the_policy(repository: Path, tmp_path: Path) -> None:
@@ -173,12 +236,15 @@ def test_usage(tmp_path: Path) -> None:
     out = ("-o", tmp_path / "network")
     for words, said in (
         ((keys, *ROUTER), "belong together"),
-        ((keys, *out, "--as", "zenoh"), "belong together"),
+        ((keys, *out, *AS), "belong together"),
         ((keys, *out, "--router", "/zenohd", "--policy", "x"), "belong together"),
         ((keys, *out, *ROUTER, "--enclave", "/talker"), "of all enclaves"),
         ((keys, *out, *ROUTER, "--no-usual"), "do not say what is usual"),
-        ((keys, *out, "--as", "zenoh", "--router", "/none"), "There is no enclave"),
-        ((nameless, *out, *ROUTER), "names no host"),
+        ((keys, *out, *AS, "--router", "/none"), "There is no enclave"),
+        ((nameless, *out, *ROUTER), "names no host: say where it listens"),
+        ((keys, *out, *ROUTER, "--listen", "/talker=arm:7447"), "listen nowhere"),
+        ((keys, *out, *AS, "--listen", "/none=arm:7447"), "There is no enclave"),
+        ((keys, *out, *AS, "--listen", "/talker=arm"), "is not ENCLAVE=HOST:PORT"),
         ((keys, "-o", there, *ROUTER), "is there already"),
         ((keys, "-o", keys / "network", *ROUTER), "lies in the keystore"),
         ((keys,), "Name what the nodes do"),

@@ -136,5 +136,6 @@ def _clients(nodes: Mapping[str, Node]) -> Mapping[str, Configuration]:
         )
         for path, node in sorted(nodes.items())
     ]
-    router, clients = router_and_clients(Party(name=ROUTER, files=files_of("zenohd")), parties, f"tls/{HOST}:7447", 0)
+    center = Party(name=ROUTER, files=files_of("zenohd"), address=f"{HOST}:7447", verified=True)
+    router, clients = router_and_clients(center, parties, 0)
     return {"zenohd": router, **{each.name.strip("/"): own for each, own in zip(parties, clients, strict=True)}}
