@@ -242,10 +242,10 @@ def decide(
     if kind is Kind.DELETE and flow is Flow.EGRESS and release.deletes_as_puts:
         kind = Kind.PUT
     judged = [
-        (_is(subject, remote), *_of_subject(access, rules, kind, flow, key))
+        (is_it, *_of_subject(access, rules, kind, flow, key))
         for subject, (_l, rules) in access.subjects.items()
+        if (is_it := _is(subject, remote)).may
     ]
-    judged = [each for each in judged if each[0].may]
     default = Decision(
         Truth.YES if access.allows else Truth.NO,
         access.default_line,
