@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice, product
 from typing import Final
 
 from keystore_audit.findings import Location, Severity, outside
-from keystore_audit.grouped import gathered
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.profiles import Release, facts
 from keystore_audit.rules.network import found, is_peer
@@ -19,7 +19,7 @@ from keystore_audit.zenoh.access_control import AccessControl, Flow, Kind, Subje
 from keystore_audit.zenoh.access_control import Rule as Written
 from keystore_audit.zenoh.answers import Reached, Rights, rights_in
 from keystore_audit.zenoh.configuration import Mode
-from keystore_audit.zenoh.names import domains_in, name_in, names_in, operations_of, rule_domains, written_names
+from keystore_audit.zenoh.names import domains_in, name_in, names_in, names_of, operations_of
 from keystore_audit.zenoh.network import Network, Process, common_name, is_session
 
 _TAKEN: Final = (Kind.PUT, Kind.DELETE, Kind.QUERY, Kind.REPLY)
@@ -209,8 +209,9 @@ def _asked(network: Network, context: Context) -> Iterator[tuple[Enclave, str, s
 
 
 def _allowed(process: Process, kind: Kind, flow: Flow) -> Iterator[str]:
-    rules = process.says.access.rules if process.says.access is not None else ()
-    yield from (text for rule in rules if rule.allow and rule.is_about(kind, flow) for text, _line in rule.keys)
+    yield from (
+        text for rule in process.says.rules if rule.allow and rule.is_about(kind, flow) for text, _line in rule.keys
+    )
 
 
 def _dropping(rights: Rights, enclave: Enclave, operation: str, key: str, release: Release) -> Reached | None:
@@ -262,32 +263,32 @@ def longer_names_reached(network: Network, context: Context) -> Iterator[Violati
     service, so that it is not meant as a folder, and where they or rules name some other below, for which the rule has
     no expression of its own.
     """
-    documents = [each.permissions for each in context.keystore.enclaves if each.permissions is not None]
-    signed = {*names_in(documents)}
-    below = {domain: _below(written_names(documents, network, domain).rights) for domain in rule_domains(network)}
+    signed = {*names_in(each.permissions for each in context.keystore.enclaves if each.permissions is not None)}
+    every = sorted({*signed, *(right for process in network.started for right in names_of(process))})
     for process in network.started:
-        reached: dict[tuple[str, str], int] = {}
-        for each in process.says.access.rules if process.says.access is not None else ():
+        reached: dict[str, tuple[int, str]] = {}
+        for each in process.says.rules:
             own = {name_in(text) for text, _line in each.keys}
-            tails = {text: line for text, line in each.keys if each.allow and text.endswith("/**")}
-            for (text, line), operation in product(tails.items(), operations_of(each)):
-                domain, name = name_in(text)
+            tails = {name_in(key[0]): key for key in each.keys if each.allow and key[0].endswith("/**")}
+            for ((domain, name), (text, line)), operation in product(tails.items(), operations_of(each)):
                 if domain is not None and name is not None and (operation, name) in signed:
-                    longer = below[domain].get((operation, name), ())
-                    reached |= {(text, other): line for other in longer if (domain, other) not in own}
+                    longer = (other for other in _below(every, operation, name) if (domain, other) not in own)
+                    first = next(longer, None)
+                    if first is not None:
+                        reached[text] = line, first
         if reached:
-            (text, other), *_more = reached
-            message = (
-                f"{process.name} has a rule for {quoted(text)}, which is about {other} as well{more_like(reached)}."
-            )
-            yield found(process, message, *dict.fromkeys(reached.values()))
+            text, (_line, other) = next(iter(reached.items()))
+            message = f"{process.name} has a rule for {quoted(text)}, which is about {other} as well"
+            yield found(process, f"{message}{more_like(reached)}.", *(line for line, _other in reached.values()))
 
 
-def _below(rights: Iterable[tuple[str, str]]) -> Mapping[tuple[str, str], Sequence[str]]:
-    """By operation and name the names below."""
-    return gathered(
-        ((operation, name[:end]), name) for operation, name in rights for end, sign in enumerate(name) if sign == "/"
-    )
+def _below(every: Sequence[tuple[str, str]], operation: str, name: str) -> Iterator[str]:
+    """The names below one that stand, in order, among these."""
+    for index in range(bisect_left(every, (operation, f"{name}/")), len(every)):
+        does, other = every[index]
+        if does != operation or not other.startswith(f"{name}/"):
+            return
+        yield other
 
 
 @rule(

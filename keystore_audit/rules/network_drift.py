@@ -10,6 +10,7 @@ from typing import Final
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location, Severity, decision
+from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.channels import Point, document_channels
@@ -151,13 +152,19 @@ def _granted_to_both(network: Network, context: Context) -> Iterator[tuple[_Aske
 def _compared(
     network: Network, context: Context
 ) -> Iterator[tuple[int, Sequence[Enclave], Mapping[tuple[str, str], Sequence[Use]], Granted]]:
-    """By domain the enclaves that run nodes, the rights that permissions and rules name, and who was granted which."""
+    """By domain the enclaves that run nodes, the rights that permissions and rules name, and who was granted which.
+
+    Raises BudgetExceeded where the domains are too many.
+    """
     routing = {each.owner for each in network.started} - {each.owner for each in network.started if is_session(each)}
     enclaves = [each for each in context.keystore.enclaves if each not in routing and each.identity is not None]
     if context.drift is None:
         enclaves = [each for each in enclaves if each.permissions is not None]
     documents = [each.permissions for each in context.keystore.enclaves if each.permissions is not None]
-    for domain in rule_domains(network):
+    domains = rule_domains(network)
+    if len(domains) > MAX_DOMAIN:  # all that permissions grant is worked out for each
+        raise BudgetExceeded(f"the rules in {network.path} are about more than {MAX_DOMAIN} domains")
+    for domain in domains:
         named = written_names(documents, network, domain).rights
         uses = {(operation, name): dds_channels(operation, name) for operation, name in named}
         yield domain, enclaves, uses, _by_policy(context) or _by_permissions(context, [*uses.values()], domain)
@@ -201,6 +208,8 @@ def _by_permissions(context: Context, uses: Sequence[Sequence[Use]], domain: int
         return file is not None and any(accesses.read(file, row).is_silent for row in accesses.rows(context.profiles))
 
     def granted(enclave: Enclave, needed: Sequence[Use]) -> Truth:
+        if domain > MAX_DOMAIN:  # which no document can be about
+            return Truth.NO
         if silent(enclave):
             return Truth.UNKNOWN
         every = (given(enclave, use) >> channels.of_point(domain, numbers[topic]) & 1 for use, topic in needed)

@@ -210,7 +210,7 @@ class Rights:
         yield Key(key)
         wide = {EVERYTHING: None}
         for process in self._network.started:
-            rules = process.says.access.rules if process.says.access is not None else ()
+            rules = process.says.rules
             wide |= {text: None for rule in rules for text, _line in rule.keys if rule.allow and intersects(text, key)}
         yield from (Key(text, Meant.ONE) for text in islice(wide, MAX_WIDE))
         yield Key(key, Meant.ANY)

@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from keystore_audit.intent.source import Value, shown
 from keystore_audit.keystore.defect import Malformed
 from keystore_audit.model.matching import key_expressions
-from keystore_audit.zenoh.access_control import AccessControl, read_access_control
+from keystore_audit.zenoh.access_control import AccessControl, Rule, read_access_control
 from keystore_audit.zenoh.json5 import Unclear, find, items, parse_json5
 
 PROTOCOLS: Final = ("tcp", "udp", "tls", "quic", "ws")
@@ -119,6 +119,11 @@ class Configuration(Struct, frozen=True, kw_only=True):
     def starts(self) -> bool:
         """Whether some release starts with it."""
         return not any(not each.releases for each in self.refusals)
+
+    @property
+    def rules(self) -> tuple[Rule, ...]:
+        """Those of its access control, where it has one."""
+        return self.access.rules if self.access is not None else ()
 
     def find(self, *path: str) -> Value | None:
         """The value there; None where there is none, or null."""

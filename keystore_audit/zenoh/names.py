@@ -73,7 +73,7 @@ def _in_documents(documents: Iterable[PermissionsFile]) -> Iterator[_Written]:
 
 def _in_rules(network: Network, domain: int) -> Iterator[_Written]:
     for process in network.started:
-        for rule in process.says.access.rules if process.says.access is not None else ():
+        for rule in process.says.rules:
             operations = operations_of(rule)
             for text, _line in rule.keys if operations else ():
                 named_in, name = name_in(text)
@@ -81,6 +81,13 @@ def _in_rules(network: Network, domain: int) -> Iterator[_Written]:
                     yield text, name, operations
                     if name is None and "*" in text:
                         yield text, _example(text), operations
+
+
+def names_of(process: Process) -> Iterator[tuple[str, str]]:
+    """Operation and name of ROS 2 of all that its rules write out, in any domain."""
+    for rule in process.says.rules:
+        for _domain, name in (name_in(text) for text, _line in rule.keys):
+            yield from ((operation, name) for operation in operations_of(rule) if name is not None)
 
 
 def operations_of(rule: Rule) -> tuple[str, ...]:
@@ -118,6 +125,5 @@ def rule_domains(network: Network) -> tuple[int, ...]:
 
 def domains_in(process: Process) -> frozenset[int | None]:
     """The domains that its rules about data name; None: any."""
-    rules = process.says.access.rules if process.says.access is not None else ()
-    keys = (text for rule in rules for text, _line in rule.keys if not text.startswith("@"))
+    keys = (text for rule in process.says.rules for text, _line in rule.keys if not text.startswith("@"))
     return frozenset(domain for domain, _name in map(name_in, keys))

@@ -228,8 +228,7 @@ def read_network(path: Path, keystore: Keystore, at: datetime) -> Network:
 
 
 def _expressions(process: Process) -> int:
-    access = process.says.access
-    return sum(len(rule.keys) for rule in access.rules) if access is not None else 0
+    return sum(len(rule.keys) for rule in process.says.rules)
 
 
 def _place(given: str, path: str) -> Location:

@@ -98,6 +98,7 @@ def test_what_the_grant_says(change: str, expected: list[str], tmp_path: Path) -
         ("0/chatter/*/*", []),
         ("0/other/*/*", ["Permissions do not let /talker publish /other, and the files let it."]),
         ("5/chatter/*/*", ["Permissions do not let /talker publish /chatter, and the files let it."]),
+        ("1000/chatter/*/*", ["Permissions do not let /talker publish /chatter, and the files let it."]),
         ("0/**", ["Permissions do not let /talker publish /any, and the files let it."]),
         ("0/arm/$*_cmd/**", ["Permissions do not let /talker publish /arm/any_cmd, and the files let it."]),
         ("0/**/chatter/*/*", ["Permissions do not let /talker publish /any/chatter, and the files let it."]),
@@ -182,6 +183,18 @@ def test_what_is_granted_to_both_sides_and_does_not_work(
     """The listener takes from somebody else. Who is granted a name by a pattern alone does not count as kept off."""
     keys = keystore(tmp_path, topic, listener=change)
     assert told(keys, files(tmp_path, keys, who="/random"), "KA836") == expected
+
+
+@pytest.mark.parametrize(("domains", "expected"), [(232, BOTH), (233, None)])
+def test_rules_of_too_many_domains_leave_it_open(domains: int, expected: list[str] | None, tmp_path: Path) -> None:
+    keys = keystore(tmp_path)
+    network = files(tmp_path, keys, " ".join(f"{domain}/chatter/*/*" for domain in range(domains)), who="/random")
+    of_each = [told(keys, network, code) for code in ("KA822", "KA836")]
+    if expected is None:
+        reason = f"Not compared with what was granted: the rules in {network} are about more than 232 domains"
+        assert of_each == [[reason], [reason]]
+    else:
+        assert of_each == [[], expected]
 
 
 def test_what_works_is_not_kept_off(tmp_path: Path) -> None:
