@@ -145,6 +145,7 @@ class Rights:
     def __init__(self, network: Network) -> None:
         self._network = network
         self._links = Links(network)
+        self._wide: dict[str, list[str]] = {}  # by key, since many ask about each
 
     @cached_property
     def doubts(self) -> tuple[tuple[Location, str], ...]:
@@ -208,12 +209,16 @@ class Rights:
         it: that it passes is then not certain, and if it does not, no message does.
         """
         yield Key(key)
-        wide = {EVERYTHING: None}
-        for process in self._network.started:
-            rules = process.says.rules
-            wide |= {text: None for rule in rules for text, _line in rule.keys if rule.allow and intersects(text, key)}
-        yield from (Key(text, Meant.ONE) for text in islice(wide, MAX_WIDE))
+        if key not in self._wide:
+            self._wide[key] = [*islice((text for text in self._allowed if intersects(text, key)), MAX_WIDE)]
+        yield from (Key(text, Meant.ONE) for text in self._wide[key])
         yield Key(key, Meant.ANY)
+
+    @cached_property
+    def _allowed(self) -> tuple[str, ...]:
+        """The expressions that rules allow, and that for everything, each once."""
+        rules = (rule for process in self._network.started for rule in process.says.rules if rule.allow)
+        return tuple(dict.fromkeys((EVERYTHING, *(text for rule in rules for text, _line in rule.keys))))
 
 
 @lru_cache(maxsize=1)
