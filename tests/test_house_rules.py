@@ -109,7 +109,7 @@ def test_the_lock_pins_and_hashes_everything_and_names_no_source(repository: Pat
     for lock in sorted((repository / "requirements").glob("*.txt")):
         text = re.sub(r"^ *#.*\n", "", lock.read_text(encoding="utf-8"), flags=re.MULTILINE)
         entries = text.replace("\\\n", " ").splitlines()
-        assert len(entries) > 20
+        assert len(entries) > (0 if lock.name.startswith("zenoh-") else 20)  # those are of one package
         for entry in entries:
             assert re.match(r"[a-z0-9-]+==[0-9][^ ]* (; .+? )? *--hash=sha256:[0-9a-f]{64}", entry), entry
             assert "://" not in entry
