@@ -26,16 +26,18 @@ from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.model.blast_radius import Ranking
 from keystore_audit.model.tables.overview import Issuance, IssuedCertificate
+from keystore_audit.profiles import implementations
 from keystore_audit.properties.result import Status
 from keystore_audit.report.access_words import SHORT, full_name
 from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.html_tables import Sheet, access, differing, profiles
 from keystore_audit.report.page import by_answer, worst_first
 from keystore_audit.report.pictures import flows, timeline
+from keystore_audit.report.system_picture import system
 from keystore_audit.report.templated import TEMPLATES, environment, ours
 from keystore_audit.report.view_model import (
     HOW,
-    Consequences,
+    Cause,
     assumed,
     declaring,
     engine,
@@ -45,6 +47,10 @@ from keystore_audit.report.view_model import (
     warnings,
 )
 from keystore_audit.text import counted, html, instant, shorten
+
+MAX_CAUSES: Final = 6
+MAX_LIGHT: Final = 3
+"""Causes on the first screen, and those of low severity where there are no others."""
 
 MAX_TITLE: Final = 80
 """Characters of a keystore's path in the window's title."""
@@ -186,8 +192,10 @@ def _sections(sheet: Sheet) -> Iterator[_Section]:
         key="profiles", title="Implementations", badge=str(len(rows) or ""), view=profiles(sheet, rows, table)
     )
     if overview is not None:
+        safe = None if report.verdict is Verdict.FAIL else report.safe_until
         yield _Section(key="certificates", title="Certificates and signatures", view=_certificates(overview.issuance))
-        yield _Section(key="dates", title="Dates", view=timeline(overview.periods, report.at, report.safe_until))
+        yield _Section(key="dates", title="Dates", view=timeline(overview.periods, report.at, safe))
+    yield _Section(key="basis", title="What this rests on", view=_basis(sheet))
 
 
 def _statuses(report: Report) -> str:
@@ -197,7 +205,37 @@ def _statuses(report: Report) -> str:
 
 
 def _head(sheet: Sheet) -> Mapping[str, Any]:
-    """The verdict and everything that it rests on."""
+    """The first screen: the verdict, who can do what, the causes with their fix, and the system that they are in."""
+    report, overview = sheet.report, sheet.report.overview
+    causes = sheet.consequences.causes
+    weighing = [each for each in causes if each.decides(report.fail_on) or each.severity.at_least(Severity.MEDIUM)]
+    shown = weighing[:MAX_CAUSES] or causes[:MAX_LIGHT]
+    paths = [entry.path for entry in report.enclaves]
+    return {
+        "first": _first(sheet, shown),
+        "scope": f"Judged for {report.scope or implementations(sheet.profiles)}, as of {instant(report.at)}.",
+        "rests": report.holds_if,
+        "warnings": [*warnings(report, versions=True)],
+        "title": counted(len(causes), "cause"),
+        "causes": shown,
+        "fix": lambda finding: f"fix: {finding.fix.short}",
+        "more": f"{len(causes) - len(shown)} more below." if len(causes) > len(shown) else "",
+        "system": system(overview, weighing, report.properties, paths) if overview is not None else {},
+    }
+
+
+def _first(sheet: Sheet, causes: Sequence[Cause]) -> str:
+    """Which enclave can do what, of the first cause that says so; else what the verdict means."""
+    if sheet.report.verdict is Verdict.FAIL:
+        for finding in (each for cause in causes for each in cause.every if each.enclave is not None):
+            said = sheet.consequences.example(finding)
+            if finding.fails(sheet.report.fail_on) and said.startswith(f"{finding.enclave} "):
+                return said
+    return _meaning(sheet.report)
+
+
+def _basis(sheet: Sheet) -> Mapping[str, Any]:
+    """Everything that the verdict rests on."""
     report, checked = sheet.report, sheet.report.checked
     looked_at = {
         "certificate": checked.certificates,
@@ -206,13 +244,10 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
         "rule": checked.rules,
     }
     return {
-        "meaning": _meaning(report),
-        "dates": _dates(report),
-        "warnings": [*warnings(report, versions=True)],
         "facts": [
-            ("as of", instant(report.at)),
+            ("gate", _meaning(report)),
+            *([] if report.verdict is Verdict.FAIL else [("dates", _dates(report))]),
             ("layout", f"{report.layout}, {counted(len(report.enclaves), 'enclave')}"),
-            *([("scope", report.scope)] if report.scope else []),
             ("judged as", ", ".join(sheet.profiles)),
             ("properties", f"{len(report.holding)} of {len(report.properties)} hold"),
         ],
@@ -244,19 +279,21 @@ def _dates(report: Report) -> str:
 
 def _findings(sheet: Sheet) -> Mapping[str, Any]:
     """By severity, then by rule, with remedy and clause said once."""
-    consequences = Consequences(sheet.shown, sheet.report.properties)
+    consequences = sheet.consequences
     by_rule = grouped(consequences.told, lambda finding: (consequences.rank(finding)[0], finding.code))
+    first = {code: rank for rank, code in sorted(by_rule, reverse=True)}
     return {
-        "rules": [_rule(rank, by_rule[rank, code]) for rank, code in sorted(by_rule)],
+        "rules": [_rule(rank, by_rule[rank, code], first=first[code] == rank) for rank, code in sorted(by_rule)],
         "consequences": consequences,
         "hidden": len(sheet.report.findings) - len(sheet.shown),
         "accepted": [finding for finding in sheet.shown if finding.suppressed is not None],
     }
 
 
-def _rule(rank: int, found: Sequence[Finding]) -> Mapping[str, Any]:
+def _rule(rank: int, found: Sequence[Finding], *, first: bool) -> Mapping[str, Any]:
     shown = found[:MAX_OF_RULE]
     return {
+        "first": first,
         "worst": min((finding.severity for finding in found), key=lambda each: each.rank),
         "open": rank <= Severity.MEDIUM.rank,
         "found": found,

@@ -26,6 +26,7 @@ from keystore_audit.report.access_words import (
     worth_showing,
 )
 from keystore_audit.report.content import Report
+from keystore_audit.report.view_model import Consequences
 from keystore_audit.text import counted
 from keystore_audit.truth import Truth
 
@@ -62,6 +63,7 @@ class Sheet:
         """Of this report; findings below `least` are hidden."""
         self.report, self.prefix = report, prefix
         self.shown = report.shown(least)
+        self.consequences: Final = Consequences(self.shown, report.properties)
         self.profiles = report.judged_profiles
         self.numbers = {entry.path: number for number, entry in enumerate(report.enclaves)}
 

@@ -46,8 +46,9 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 ELEMENTS = re.split(
     r"\s+",
-    """a article b body code dd details div dl dt figure footer h1 h2 h3 head header html li line link main meta nav ol
-    p path polygon rect section span strong style summary svg table tbody td text th thead title tr ul wbr""",
+    """a article b
+    body code dd details div dl dt figcaption figure footer h1 h2 h3 head header html li line link main meta
+    nav ol p path polygon rect section span strong style summary svg table tbody td text th thead title tr ul wbr""",
 )
 ATTRIBUTES = re.split(
     r"\s+",

@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 
 from keystore_audit.model.formal.rights import Safeguard
 from keystore_audit.model.tables.access_table import AccessTable, Group, Named
-from keystore_audit.model.tables.overview import Dated, Neighbourhood, PeerGroup, Period
-from keystore_audit.report import html, html_tables, pictures
+from keystore_audit.model.tables.overview import Dated, Neighbourhood, Overview, PeerGroup, Period
+from keystore_audit.report import html, html_tables, pictures, system_picture
 from tests.cli.keystores import AT, answer, keystore, rule
+from tests.report.robots import page_of
 
 INSTANTS = st.datetimes(datetime(1, 1, 1), datetime(9999, 12, 31), timezones=st.just(timezone.utc))
 NAMES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=80)
@@ -109,6 +110,60 @@ class TestFlow:
         assert len(tree.xpath("//polygon")) == sum(min(len(each), pictures.MAX_BOXES) for each in (incoming, outgoing))
         dashed = [hop for each in (incoming, outgoing) for hop in each[: pictures.MAX_BOXES] if not hop.by_right]
         assert len(tree.xpath("//path[@class='hop keys']")) == len(dashed)
+
+
+class TestSystem:
+    @pytest.mark.parametrize(("sample", "blamed"), [("vehicle_governance_flag", ["1", "1"]), ("vehicle_healthy", [])])
+    def test_who_is_blamed_is_marked_with_the_number_of_the_cause(
+        self, sample: str, blamed: list[str], repository: Path
+    ) -> None:
+        tree = lxml.html.document_fromstring(page_of(repository / "sample_keystores/flows" / sample))
+        (drawn,) = tree.xpath("//figure[@class='whole']/svg")
+        assert {*drawn.xpath("./text[not(@class)]/text()")} >= {"/brake", "/gateway", "/motor", "/motor_limit"}
+        assert (
+            drawn.xpath("./rect[@class='centre bad']/following-sibling::text[1]/text()")
+            == ["/brake", "/gateway"][: len(blamed)]
+        )
+        assert drawn.xpath("./text[@class='number' and @text-anchor='end']/text()") == blamed
+        assert len(drawn.xpath("./path[@class='hop bad']")) == len(blamed)
+
+    @pytest.mark.parametrize(
+        ("sample", "said", "lasts"),
+        [
+            (
+                "vehicle_governance_flag",
+                "/gateway can get its samples taken on /motor_limit (topic)",
+                False,
+            ),
+            ("vehicle_healthy", "Nothing was found that fails this gate.", True),
+        ],
+    )
+    def test_the_first_sentence_says_who_can_do_what_and_no_date_comforts(
+        self, sample: str, said: str, *, lasts: bool, repository: Path
+    ) -> None:
+        tree = lxml.html.document_fromstring(page_of(repository / "sample_keystores/flows" / sample))
+        assert tree.xpath("string(//div[@class='said']/p[1])").startswith(said)
+        assert ("holds until" in tree.text_content()) is lasts
+        assert ("safe until" in tree.text_content()) is lasts
+
+    @given(
+        outgoing=HOPS,
+        incoming=HOPS,
+        paths=st.lists(NAMES, min_size=1, max_size=30, unique=True),
+        names=st.lists(NAMES, min_size=6, max_size=6),
+    )
+    def test_nothing_leaves_the_picture(
+        self, outgoing: list[PeerGroup], incoming: list[PeerGroup], paths: list[str], names: list[str]
+    ) -> None:
+        flow = Neighbourhood(path=paths[0], incoming=tuple(incoming), outgoing=tuple(outgoing))
+        overview = Overview(access=table(names), neighbourhoods=(flow,))
+        view = system_picture.system(overview, (), (), paths)
+        tree = lxml.html.fragment_fromstring(section("system", view)).xpath(".//svg")[0]
+        for box in tree.xpath("./rect"):
+            text = box.getnext()
+            assert 0 <= float(box.get("y")) <= view["height"] - float(box.get("height"))
+            end = float(text.get("x")) + len(text.text or "") * system_picture.CHARACTER
+            assert end <= float(box.get("x")) + float(box.get("width"))
 
 
 @pytest.mark.slow
