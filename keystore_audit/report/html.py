@@ -52,6 +52,9 @@ MAX_CAUSES: Final = 6
 MAX_LIGHT: Final = 3
 """Causes on the first screen, and those of low severity where there are no others."""
 
+MAX_DECIDED: Final = 20
+"""Causes of which a meeting decides: a page."""
+
 MAX_TITLE: Final = 80
 """Characters of a keystore's path in the window's title."""
 
@@ -195,6 +198,8 @@ def _sections(sheet: Sheet) -> Iterator[_Section]:
         safe = None if report.verdict is Verdict.FAIL else report.safe_until
         yield _Section(key="certificates", title="Certificates and signatures", view=_certificates(overview.issuance))
         yield _Section(key="dates", title="Dates", view=timeline(overview.periods, report.at, safe))
+    if causes := [each for each in sheet.consequences.causes if each.severity is not Severity.INFO]:
+        yield _Section(key="meeting", title="For the meeting", view=_meeting(sheet, causes))
     yield _Section(key="basis", title="What this rests on", view=_basis(sheet))
 
 
@@ -232,6 +237,16 @@ def _first(sheet: Sheet, causes: Sequence[Cause]) -> str:
             if finding.fails(sheet.report.fail_on) and said.startswith(f"{finding.enclave} "):
                 return said
     return _meaning(sheet.report)
+
+
+def _meeting(sheet: Sheet, causes: Sequence[Cause]) -> Mapping[str, Any]:
+    """What is to be decided, and the lines of settings by which each finding of a cause would be accepted."""
+    shown = causes[:MAX_DECIDED]
+    return {
+        "causes": [(cause, [each for each in cause.every if not each.undecided][:MAX_OF_RULE]) for cause in shown],
+        "left_out": len(causes) - len(shown),
+        "meaning": _meaning(sheet.report),
+    }
 
 
 def _basis(sheet: Sheet) -> Mapping[str, Any]:

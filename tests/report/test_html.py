@@ -169,6 +169,22 @@ class TestWhatIsSaid:
         assert wanted.read_text("utf-8") == page_of(root)
 
 
+class TestMeeting:
+    def test_lines_of_the_page_accept_its_causes(self, repository: Path, tmp_path: Path) -> None:
+        root = repository / "sample_keystores/flows/vehicle_governance_flag"
+        lines = document(page_of(root)).xpath("//details[@class='accepting']//code/text()")
+        filled = {
+            'reason = ""': 'reason = "known"',
+            'owner = ""': 'owner = "Ada"',
+            "until = YYYY-MM-DD": "until = 2026-12-04",
+        }
+        settings = tmp_path / "it.toml"
+        settings.write_text("\n".join(filled.get(line, line) for line in lines), "utf-8")
+        assert answer("audit", root, "--engine", "native", "--at", AT)[0] == 1
+        code, said = answer("audit", root, "--engine", "native", "--at", AT, "--settings", settings)
+        assert (code, "KA909" in said, "KA910" in said) == (0, False, False)
+
+
 class TestSize:
     @pytest.mark.slow
     @pytest.mark.xdist_group("page-of-robots")

@@ -172,7 +172,7 @@ def test_a_fleet_is_shown(enclaves: int, tmp_path: Path) -> None:
     loaded = browser.load(page_of_robots(enclaves), tmp_path)
     assert (loaded.console, loaded.asked) == ((), ("/page.html",))
     tree = lxml.html.document_fromstring(loaded.dom)
-    assert len(tree.xpath("//section")) == 10
+    assert len(tree.xpath("//section")) == 11
     assert len(tree.xpath("//details[@class='flow']")) == enclaves
 
 
