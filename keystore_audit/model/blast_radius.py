@@ -261,9 +261,9 @@ class Ranked(Struct, frozen=True, kw_only=True):
 
     @property
     def size(self) -> tuple[int, ...]:
-        """What ranks it."""
+        """What ranks it: what it can write first."""
         topics = self.topics_written + self.topics_forged
-        return (self.enclaves_reached, self.enclaves_reached_alone, self.passes_for, topics, self.topics_read)
+        return (topics, self.enclaves_reached, self.enclaves_reached_alone, self.passes_for, self.topics_read)
 
 
 class Ranking(Struct, frozen=True, kw_only=True):

@@ -85,13 +85,13 @@ def access(sheet: Sheet, overview: Overview) -> Mapping[str, Any]:
     main = table.groups[-1]
     drawing = _Drawing(sheet, main, decision_rows(table, main))
 
-    def sources(path: str, row: Row) -> Sequence[tuple[str, str]]:
-        """The lines that give the rights, each once."""
+    def sources(path: str, row: Row) -> tuple[Sequence[tuple[str, str]], bool]:
+        """The lines that give the rights, each once, and whether a wildcard gives some of one name."""
         needed = {each for word in row.cells[path] for each in _NEEDS.get(word, tuple(Operation)[:2])}
-        giving = (
-            each for each in overview.allowances.get(path, ()) if each.operation in needed and each.names & row.names
-        )
-        return [*dict.fromkeys((str(each.location or ""), each.reason) for each in giving)]
+        every = overview.allowances.get(path, ())
+        giving = [each for each in every if each.operation in needed and each.names & row.names]
+        patterned = not row.several and any(each.by_pattern & row.names for each in giving)
+        return [*dict.fromkeys((str(each.location or ""), each.reason) for each in giving)], patterned
 
     return {
         "domain": table.domain,

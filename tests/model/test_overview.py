@@ -25,6 +25,7 @@ from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.tables.overview import MAX_VIEWS, Overview, overview
 from keystore_audit.profiles import VARIANTS, resolve
 from keystore_audit.truth import Truth
+from tests.cli.keystores import keystore, rule
 from tests.keystore.documents import allow, domain_rule, governance, grant, permissions, pub, topic_rule
 from tests.model.comparing import Member, Store
 
@@ -143,6 +144,15 @@ class TestAllowances:
                         assert not allowed & allowance.names, "each name is allowed by one line"
                         allowed |= allowance.names
                 assert allowed == right.allowed
+
+    @pytest.mark.parametrize(("written", "by_pattern"), [("rt/a*", True), ("rt/ab", False)])
+    def test_a_name_that_no_rule_writes_out_is_told(self, written: str, *, by_pattern: bool, tmp_path: Path) -> None:
+        """The other enclave names it, so that it stands in the table."""
+        rules = {"/a": (rule((written,)),), "/b": (rule((), ("rt/ab",)),)}
+        _read, seen = overview_of(keystore(tmp_path / "k", rules), ("spec",))
+        assert seen.access is not None
+        (number,) = (n for n, named in enumerate(seen.access.names) if named.topic == "rt/ab")
+        assert {bool(each.by_pattern >> number & 1) for each in seen.allowances["/a"]} == {by_pattern}
 
     @pytest.mark.parametrize("name", ["flows/vehicle_governance_flag", "stock/talker_listener"])
     def test_the_line_is_that_of_can(self, name: str) -> None:

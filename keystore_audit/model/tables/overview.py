@@ -20,7 +20,6 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.asked import Attacker, Search
 from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits, members
@@ -306,11 +305,12 @@ governance file of its own."""
 class Allowance(Struct, frozen=True, kw_only=True):
     """`names`: places in the table, as a bit set, for which `location` (None: no line) allows the operation.
 
-    `reason`: why, raw text.
+    `by_pattern`: those of them that the rule does not write out. `reason`: why, raw text.
     """
 
     operation: Operation
     names: int
+    by_pattern: int
     reason: str
     location: Location | None
 
@@ -362,7 +362,7 @@ def overview(
     ambient = bits(number for number, name in enumerate(table.names) if name.topic in AMBIENT and not name.several)
     return Overview(
         access=table,
-        allowances={each.path: tuple(_allowances(each, shown, built.local, window)) for each in keystore.enclaves},
+        allowances={each.path: tuple(_allowances(each, shown, built, table)) for each in keystore.enclaves},
         neighbourhoods=() if many else neighbourhoods(system, window, ambient, MAX_NEIGHBOURHOODS),
         undrawn=f"{len(system.trust_domains)} ways to trust are too many to hold each enclave against each."
         if many
@@ -373,11 +373,16 @@ def overview(
     )
 
 
-def _allowances(enclave: Enclave, profile: Profile, local: LocalRights, window: Window) -> Iterator[Allowance]:
+def _allowances(enclave: Enclave, profile: Profile, built: TableBuilder, table: AccessTable) -> Iterator[Allowance]:
     """Everything that allows it something on its own implementation, in the order in which it is asked."""
     for operation in Operation:
-        for step, channels in decided(local.steps(enclave, profile, operation)):
-            names = window.of(channels)
+        for step, channels in decided(built.local.steps(enclave, profile, operation)):
+            names, by = built.window.of(channels), step.by
             if names and step.allow:
-                reason, location = step.by.at(None)
-                yield Allowance(operation=operation, names=names, reason=reason, location=location)
+                criteria = by.rule.rule.criteria if by.rule is not None else ()
+                written = {topic.text for each in criteria for topic in each.topics}
+                patterned = (n for n in members(names) if by.by_permissions and table.names[n].topic not in written)
+                reason, location = by.at(None)
+                yield Allowance(
+                    operation=operation, names=names, by_pattern=bits(patterned), reason=reason, location=location
+                )
