@@ -189,7 +189,7 @@ def _unenforced(case: Case) -> Told:
 def _insider(does: str, operation: Operation) -> Callable[[Case], Told]:
     def tell(case: Case) -> Told:
         why, steps = beyond_grants(case, operation)
-        text = f"{case.enclave.label} can {does.format(case.topic)} without a grant of the permissions CA: {why}."
+        text = f"{case.enclave.label} can {does.format(f'{case.topic} without a grant of the permissions CA')}: {why}."
         return text, steps
 
     return tell
@@ -197,8 +197,8 @@ def _insider(does: str, operation: Operation) -> Callable[[Case], Told]:
 
 def _reader_forges(case: Case) -> Told:
     text = (
-        f"{case.enclave.label}, which may only subscribe to {case.topic}, can pass for a publisher of it: readers "
-        f"hold the keys of the writer, and no kind tells them apart ({case.kinds()})."
+        f"{case.enclave.label}, which may only subscribe to {case.topic}, can forge it: readers and the writer "
+        f"share one key, and origin authentication is off ({case.kinds()})."
     )
     return text, case.right_steps(case.witness[Role.ENCLAVE], SUBSCRIBE) + case.governance_steps()
 
@@ -255,7 +255,7 @@ _TELLERS: Final[Mapping[str, Callable[[Case], Told]]] = {
         "can say that a writer of {} is alive", SUBSCRIBE, why=_unprotected("liveliness", "authenticated"), door=True
     ),
     stated.GRANTS_ARE_ENFORCED.id: _unenforced,
-    stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _insider("get its samples taken on {}", PUBLISH),
+    stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _insider("publish {}, and peers accept it", PUBLISH),
     stated.NOBODY_READS_WITHOUT_A_GRANT.id: _insider("read {}", SUBSCRIBE),
     stated.READERS_CANNOT_FORGE.id: _reader_forges,
     stated.RELAYS_CANNOT_READ.id: _relay_reads,

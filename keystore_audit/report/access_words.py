@@ -211,10 +211,10 @@ def _by_enclave(rows: Iterable[Row]) -> Mapping[str, Mapping[str, Sequence[str]]
 _PEERS: Final[tuple[tuple[Callable[[Rights], tuple[int, int]], str], ...]] = (
     (
         lambda right: (right.accepted & ~right.allowed, right.accepted),
-        "Should its own checks be skipped, as an attacker would, peers accept besides from",
+        "If compromised, {} can do this too, and peers do not stop it",
     ),
-    (lambda right: (right.disputed, right.taken.may), "It cannot be told whether peers accept from"),
-    (lambda right: (right.allowed & ~right.taken.may, 0), "Allowed, but accepted by no peer, from"),
+    (lambda right: (right.disputed, right.taken.may), "It cannot be told whether peers accept from {}"),
+    (lambda right: (right.allowed & ~right.taken.may, 0), "Allowed, but accepted by no peer, from {}"),
 )
 """Where peers and the enclave's own implementation do not agree: names; and with which others these may be all."""
 
@@ -226,7 +226,7 @@ def peers(table: AccessTable, group: Group) -> list[str]:
         said = gathered((_where(table, enclave, find), path) for path, enclave in group.enclaves.items())
         for words, paths in said.items():
             whom = "every enclave" if len(paths) == len(group.enclaves) > 1 else _listed(paths)
-            lines += [f"{sentence} {whom}: {words}."] if words else []
+            lines += [f"{sentence.format(whom)}: {words}."] if words else []
     return lines
 
 

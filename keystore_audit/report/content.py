@@ -344,6 +344,6 @@ def untested(profiles: Sequence[Profile]) -> Iterator[str]:
     measured = [profile.name for profile in profiles if profile.evidence is Evidence.MEASURED]
     read = [profile.name for profile in profiles if profile.evidence is Evidence.READ and profile.name != "spec"]
     if measured:
-        yield f"{', '.join(measured)}: by measurements on the releases, not asked again since (docs/profiles.md)."
+        yield f"{', '.join(measured)}: measured once on the releases, not tested in CI (docs/profiles.md)."
     if read:
         yield f"{', '.join(read)}: by their source alone (docs/profiles.md)."

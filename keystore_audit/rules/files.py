@@ -212,8 +212,8 @@ def _written_by_others(file: File) -> bool:
 def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Others than the owner may write CA certificates, folders on the way to what enclaves read, or files of enclaves.
 
-    Whoever may put a CA certificate of his own into the place of both is everybody to those who trust it. What the
-    authorities signed nobody can change unseen, but an older document or list of theirs can be put back: a step less.
+    Whoever replaces both CA certificates can impersonate anyone. What the authorities
+    signed nobody can change unseen, but an older document or list of theirs can be put back: a step less.
     Whoever may write cert.p11 or key.p11 can have the enclave use something else on its token: a step less, too. High
     in a tree that goes on a robot (--deployed), medium elsewhere, as in the checkout of a pipeline. CA certificates,
     folders, signed files and addresses of a token are a finding each. A file's group counts unless it is the owner's

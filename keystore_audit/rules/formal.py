@@ -232,7 +232,7 @@ _decided(
     "KA722",
     stated.NOBODY_WRITES_WITHOUT_A_GRANT,
     Severity.HIGH,
-    """No enclave gets a sample taken on a topic for which the permissions CA gave it no right.
+    """No enclave can publish a topic, so that peers accept it, for which the permissions CA gave it no right.
 
     Counted is what peers take for good, documents presented by others included, and forging with the keys in an
     enclave's hands; a granted reader's forging is readers-cannot-forge. What nodes would do is not asked: every enclave

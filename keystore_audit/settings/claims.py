@@ -162,7 +162,7 @@ def _claim(table: PropertyTable, source: Source, forwards: tuple[Forward, ...]) 
 def _no_flow(form: NoFlow, source: Source) -> dict[str, Any]:
     through = several(form.through)
     besides = f" except through {_listed(through)}" if through else ""
-    apart = "" if form.include_ambient else ", apart from topics that nearly every node uses"
+    apart = "" if form.include_ambient else ", apart from topics that nearly every node uses and it does not name"
     return {
         "kind": ClaimKind.NO_FLOW,
         "attacker": Attacker(form.attacker),

@@ -132,7 +132,7 @@ class TestSystem:
         [
             (
                 "vehicle_governance_flag",
-                "/gateway can get its samples taken on /motor_limit (topic)",
+                "/gateway can publish /motor_limit (topic)",
                 False,
             ),
             ("vehicle_healthy", "Nothing was found that fails this gate.", True),

@@ -267,7 +267,7 @@ class Labelling(Struct, frozen=True, kw_only=True):
 
     def _statement(self, source: str, target: str) -> str:
         trusted = " except through those trusted to" if self.declassifiers else ""
-        ambient = "" if self.include_ambient else ", apart from topics that nearly every node uses"
+        ambient = "" if self.include_ambient else ", apart from topics that nearly every node uses and it does not name"
         return f"Nothing gets from what is labelled {source} to what is labelled {target}{trusted}{ambient}."
 
 
