@@ -5,12 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.engines import Engines, combine_claims, combine_falls, run_engines, run_falls
+from keystore_audit.engine.engines import (
+    NATIVELY,
+    Engines,
+    asserted,
+    combine_claims,
+    combine_falls,
+    run_engines,
+    run_falls,
+)
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.engine.needs import solved_again, taken_for_granted, with_needs
 from keystore_audit.errors import BudgetExceeded, UsageError
@@ -26,19 +34,28 @@ from keystore_audit.model.interpret import claimed_systems
 from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
-from keystore_audit.profiles import at_work, declared
+from keystore_audit.profiles import Release, at_work, declared
 from keystore_audit.properties.result import (
     AssertedResult,
     Change,
     CompromiseAnswer,
+    Counterexample,
     EngineRun,
     FallResult,
     KeyAnswer,
     ProfileRadius,
+    ProfileResult,
     Status,
+    Step,
     Stolen,
 )
 from keystore_audit.settings.claims import place
+from keystore_audit.truth import Truth
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from keystore_audit.zenoh.flow import Hop
 
 
 class FlowQuestion(Struct, frozen=True, kw_only=True):
@@ -75,6 +92,10 @@ class FlowAnswer(Struct, frozen=True, kw_only=True):
     change: Change | None = None
     declared: str = ""
     """What enclaves run that settings name."""
+    folder: str = ""
+    """That of sessions and routers whose files decide, where they do."""
+    unclear: tuple[tuple[Location, str], ...] = ()
+    """Why nothing is kept out for certain by them."""
 
     @property
     def status(self) -> Status:
@@ -128,6 +149,59 @@ def find_flow(
         doubts=tuple(dict.fromkeys(doubts)),
         change=change,
     )
+
+
+def find_routed_flow(
+    path: str | os.PathLike[str],
+    folder: Path,
+    question: FlowQuestion,
+    given: Circumstances,
+    releases: Sequence[Release],
+) -> FlowAnswer:
+    """The same by the files of sessions and routers there. Raises as `find_flow`, and where there is no such file."""
+    from keystore_audit.zenoh.flow import found
+    from keystore_audit.zenoh.network import read_network
+    from keystore_audit.zenoh.participants import NetworkFlows
+
+    keystore = given.keystore(path)
+    flows = NetworkFlows(keystore, read_network(folder, keystore, given.at))
+
+    def answered(claim: Claim, release: Release) -> ProfileResult:
+        truth, hops = found(flows, flows.asked(claim), release)
+        status = {Truth.YES: Status.VIOLATED, Truth.NO: Status.HOLDS}.get(truth, Status.UNKNOWN)
+        return ProfileResult(status=status, engines={"native": status}, counterexample=_way(hops))
+
+    results = [(claim, {each.name: answered(claim, each) for each in releases}) for claim in questions(question)]
+    return FlowAnswer(
+        question=question,
+        at=given.at,
+        profiles=tuple(each.name for each in releases),
+        results=tuple((each.attacker, asserted(each, each.attacker.value, told)) for each, told in results),
+        falls=(),
+        engines=(NATIVELY,),
+        doubts=tuple(place for place, _why in flows.rights.doubts),
+        folder=os.fspath(folder),
+        unclear=flows.rights.doubts,
+    )
+
+
+def _way(hops: Sequence[Hop]) -> Counterexample | None:
+    """The way with the line of each hop that lets it in."""
+    if not hops:
+        return None
+    from keystore_audit.zenoh.flow import told
+
+    steps = (
+        Step(
+            enclave=hop.receiver.label,
+            channel=None,
+            witness=hop.key,
+            path=hop.location.path if hop.location is not None else None,
+            line=hop.location.line if hop.location is not None else None,
+        )
+        for hop in hops
+    )
+    return Counterexample(text=told(hops), steps=tuple(steps))
 
 
 def posed(

@@ -45,6 +45,7 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
 )
 @opt.passing_options
 @opt.reading_options
+@opt.network_option
 @opt.file_options
 @opt.choice("--engine", words=ENGINES, default="native", help="Who decides.")
 @opt.alloy_options
@@ -75,9 +76,14 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         raise click.UsageError("Expected FROM and TO, or --from-compromised.")
     if given["fallen"] is not None and given["attacker"]:
         raise click.UsageError("--compromised says who attacks: give no --attacker.")
-    from keystore_audit.flow import FlowQuestion, find_flow
+    from keystore_audit.flow import FlowQuestion, find_flow, find_routed_flow
     from keystore_audit.model.formal.asked import Attacker, ClaimKind
+    from keystore_audit.profiles import releases
 
+    if given["network"] is not None:
+        opt.refuse(("fallen", "not_assumed", "time_zone", "alloy_jar"), "files of sessions and routers")
+        if given["engine"] not in ("native", "auto"):
+            raise click.UsageError("Files of sessions and routers are decided natively.")
     settings = opt.named_settings(given, keystore)
     question = FlowQuestion(
         source=source,
@@ -88,19 +94,18 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         compromised=given["fallen"],
         able=tuple(each for each in settings.claims if each.kind is ClaimKind.ABLE) if settings else (),
     )
-    answer = find_flow(
-        keystore,
-        question,
-        opt.reading(given, settings),
-        engines=opt.engines(given),
-    )
+    reading = opt.reading(given, settings)
+    if given["network"] is None:
+        answer = find_flow(keystore, question, reading, engines=opt.engines(given))
+    else:
+        answer = find_routed_flow(keystore, given["network"], question, reading, releases(given["profiles"]))
     output.write_stdout(rendered(answer, given["form"]))
     return exit_code(answer.status)
 
 
 def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     """What a stolen key opens."""
-    opt.refuse(("attacker", "fallen", "through", "alloy_jar"), "--from-compromised")
+    opt.refuse(("attacker", "fallen", "through", "alloy_jar", "network"), "--from-compromised")
     if given["engine"] not in ("native", "auto"):
         raise click.UsageError("--from-compromised is worked out natively: no other engine decides it.")
     from keystore_audit.flow import find_blast_radius
@@ -125,6 +130,7 @@ def exit_code(status: Status) -> int:
 def rendered(answer: FlowAnswer, kind: str) -> str:
     """The answer as `text` or `json`."""
     from keystore_audit.report import flow
+    from keystore_audit.report.routed_answer import unknown
 
     question, most = answer.question, answer.question.compromised
     if kind == "json":
@@ -136,6 +142,7 @@ def rendered(answer: FlowAnswer, kind: str) -> str:
             "at": instant(answer.at),
             "flow": flow.FOUND[answer.status],
             **({"declared": answer.declared} if answer.declared else {}),
+            **({"folder": answer.folder, "unknown": unknown(answer.unclear)} if answer.folder else {}),
         }
         if most is not None:
             return flow.falls_json(asked, most, answer.profiles, answer.falls, answer.engines, answer.change)
@@ -149,4 +156,4 @@ def rendered(answer: FlowAnswer, kind: str) -> str:
         with_ = f", with up to {counted(most, 'compromised enclave')}?"
         told = flow.by_fall(f"{title}{with_}", most, answer.profiles, answer.falls, answer.change)
     at, ambient = instant(answer.at), question.include_ambient
-    return flow.text(told, answer.engines, answer.doubts, at=at, ambient=ambient)
+    return flow.text(told, answer.engines, answer.doubts, at=at, ambient=ambient, folder=answer.folder)

@@ -203,7 +203,7 @@ def combine_claims(
             kinds = {readings_of(systems, name): each for name, each in results.items() if each.status is Status.HOLDS}
             over = {kind: _over_time(number, kind, result, systems, kept) for kind, result in kinds.items()}
             results = {name: over.get(readings_of(systems, name), result) for name, result in results.items()}
-        return _asserted(claim, claim.attacker.value, results)
+        return asserted(claim, claim.attacker.value, results)
 
     return tuple(combined(number, claim) for number, claim in enumerate(claims))
 
@@ -239,7 +239,7 @@ def combine_falls(
         found = {at for told in named.values() for at, each in enumerate(told) if names in each}
         smallest = [each for each in profiles if not engines or found.intersection(readings_of(systems, each))]
         by_profile = AskedSystems(systems, answers, smallest).by_profile(claim.id, tell)
-        return tuple(sorted(names)), _asserted(claim, claim.attacker.value, by_profile)
+        return tuple(sorted(names)), asserted(claim, claim.attacker.value, by_profile)
 
     return tuple(map(result, sorted(every, key=lambda names: (len(names), sorted(names)))))
 
@@ -277,12 +277,12 @@ def combine_determinism(
         unknown = (readings_of(systems, name) for name, result in results.items() if result.status is Status.UNKNOWN)
         undecided = next((systems[kind[0]] for kind in unknown if kind), None)
         reason = why_undecided(undecided, undecided.determinism[number]) if undecided is not None else ""
-        return replace(_asserted(claim, "nobody", results), reason=reason)
+        return replace(asserted(claim, "nobody", results), reason=reason)
 
     return tuple(combined(number, claim) for number, claim in enumerate(claims))
 
 
-def _asserted(claim: Claim | Determinism, attacker: str, results: Mapping[str, ProfileResult]) -> AssertedResult:
+def asserted(claim: Claim | Determinism, attacker: str, results: Mapping[str, ProfileResult]) -> AssertedResult:
     """The result of what is claimed, as of a property."""
     prop = Property(
         id=claim.id,

@@ -32,6 +32,7 @@ from keystore_audit.properties.result import (
 from keystore_audit.report.content import answered_if, conditions_of
 from keystore_audit.report.json import encoded, picked, told
 from keystore_audit.report.page import by_answer, profiles, rests_on, unbroken, worst_first, wrapped
+from keystore_audit.report.routed_answer import ASSUMED
 from keystore_audit.text import MAX_EXPRESSION, counted, instant, shorten, some, terminal
 
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}
@@ -112,11 +113,17 @@ def _together(fallen: Sequence[str], result: AssertedResult) -> str:
     return f"{' and '.join(fallen)} {'together' if len(fallen) > 1 else 'alone'} {verb} it"
 
 
-def text(told: Told, engines: Sequence[EngineRun], doubts: Sequence[Location], *, at: str, ambient: bool) -> str:
-    """Lines of 80 columns at most, as far as names allow. `at`: the instant asked about."""
+def text(
+    told: Told, engines: Sequence[EngineRun], doubts: Sequence[Location], *, at: str, ambient: bool, folder: str
+) -> str:
+    """Lines of 80 columns at most, as far as names allow. `at`: the instant asked about; `folder`: whose files decide,
+    where they do.
+    """
     lines = [terminal(told.title)]
     if not ambient:
         lines.append("(apart from /clock, /parameter_events, /rosout and ros_discovery_info)")
+    if folder:
+        lines.append(unbroken(ASSUMED.format(folder)))
     if conditions := holds_if(told.conditions):
         lines.append(unbroken(f"That there is no flow {conditions}."))
     every = {each for _heading, result in told.sections for each in result.survives_without}

@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from keystore_audit.intent.source import Value, shown
 from keystore_audit.keystore.defect import Malformed
-from keystore_audit.model.matching.key_expressions import EVERYTHING, includes, intersects
+from keystore_audit.model.matching.key_expressions import EVERYTHING, VERBATIM, includes, intersects
 from keystore_audit.profiles.routed import Release
 from keystore_audit.truth import Truth, all_of, any_of
 from keystore_audit.zenoh.json5 import Unclear, find, items
@@ -109,18 +109,38 @@ class Remote(Struct, frozen=True):
 
 
 class Meant(Enum):
-    """What a key expression stands for: each key of it by itself, one message with it, or any message that meets it."""
+    """What a key expression stands for: each key of it by itself, one message with it, any message that meets it, or
+    whatever somebody likes, whether it meets it or not.
+    """
 
     EACH = "each"
     ONE = "one"
     ANY = "any"
+    FREE = "free"
 
 
 class Key(Struct, frozen=True):
-    """What a message is about."""
+    """What a message is about.
+
+    `apart`: keys of it are left out that a narrower expression of a rule has, or one of these (None: all count).
+    """
 
     text: str
     meant: Meant = Meant.EACH
+    apart: tuple[str, ...] | None = None
+
+    def has(self, rule: str, *, allow: bool) -> Truth:
+        """Whether the expression of a rule is about it."""
+        if self.meant is Meant.FREE:
+            return Truth.UNKNOWN
+        if self.meant is Meant.ANY and not allow:  # evaded by a wider message, which has the verbatim chunks of the key
+            sure = VERBATIM not in self.text and includes(rule, EVERYTHING)
+        else:
+            sure = includes(rule, self.text)
+        if sure or self.meant is Meant.ONE or not intersects(rule, self.text):
+            return Truth.YES if sure else Truth.NO
+        left_out = allow and self.apart is not None and any(includes(each, rule) for each in (self.text, *self.apart))
+        return Truth.NO if left_out else Truth.UNKNOWN
 
 
 class Decision(Struct, frozen=True):
@@ -299,9 +319,9 @@ def _hit(rules: Iterator[Rule], key: Key) -> tuple[Truth, int | None, str]:
     best: tuple[Truth, int | None, str] = (Truth.NO, None, "")
     for rule in rules:
         for text, line in rule.keys:
-            evaded = key.meant is Meant.ANY and not rule.allow
-            if includes(text, EVERYTHING if evaded else key.text):
-                return Truth.YES, line, shown(rule.name)
-            if key.meant is not Meant.ONE and not best[0].may and intersects(text, key.text):
-                best = (Truth.UNKNOWN, line, shown(rule.name))
+            had = key.has(text, allow=rule.allow)
+            if had is Truth.YES:
+                return had, line, shown(rule.name)
+            if had.may and not best[0].may:
+                best = (had, line, shown(rule.name))
     return best

@@ -25,14 +25,16 @@ MAX_WIDE: Final = 20
 """Expressions of rules that an attacker is tried with; whether one of the others passes is not certain then."""
 
 _PUT, _SUBSCRIBE, _QUERY, _REPLY, _SERVE = Kind.PUT, Kind.SUBSCRIBE, Kind.QUERY, Kind.REPLY, Kind.SERVE
-_EFFECTIVE: Final = {
+Passing = tuple[tuple[Kind, bool], ...]
+"""What has to pass: kinds of messages, away from whoever does it or back."""
+EFFECTIVE: Final[Mapping[str, Passing]] = {
     "publish": ((_PUT, True), (_SUBSCRIBE, False)),
     "subscribe": ((_SUBSCRIBE, True), (_PUT, False)),
     "request": ((_QUERY, True), (_SERVE, False)),
     "reply": ((_SERVE, True), (_QUERY, False), (_REPLY, True)),
 }
-"""By operation what has to pass, away from whoever does it or back. A query runs a service, whoever hears the reply."""
-PASSING: Final = {**_EFFECTIVE, "request": (*_EFFECTIVE["request"], (_REPLY, False))}
+"""By operation what has to pass. A query runs a service, whoever hears the reply."""
+PASSING: Final = {**EFFECTIVE, "request": (*EFFECTIVE["request"], (_REPLY, False))}
 """The same where whoever does it wants the reply."""
 _TYPE: Final = "/$*::$*/*"
 _ROLES: Final = {"call": ("request", "subscribe"), "execute": ("reply", "publish")}
@@ -144,7 +146,7 @@ class Rights:
 
     def __init__(self, network: Network) -> None:
         self._network = network
-        self._links = Links(network)
+        self.links = Links(network)
         self._wide: dict[str, list[str]] = {}  # by key, since many ask about each
 
     @cached_property
@@ -152,7 +154,7 @@ class Rights:
         """Why more may be possible than is worked out."""
         unseen = (
             (process.at(end.line), "it connects to where no process of the folder listens")
-            for process, end in self._links.unseen
+            for process, end in self.links.unseen
         )
         return (*self._network.doubts, *unseen)
 
@@ -180,10 +182,10 @@ class Rights:
         return max(found, key=lambda each: OBSTACLES.index(each.truth))
 
     def _works(self, process: Process, operation: str, key: str, release: Release) -> Reached:
-        messages = _messages(PASSING[operation], Key(key), Key(key))
-        begins, ends = self._links.of(process), _other(process.owner)
+        messages = to_pass(PASSING[operation], Key(key), Key(key))
+        begins, ends = self.links.of(process), _other(process.owner)
         for certain in (True, False):
-            way = find_way(self._links, begins, messages, ends, release, certain=certain)
+            way = find_way(self.links, begins, messages, ends, release, certain=certain)
             if way is not None:
                 return _told(Truth.YES if certain else Truth.UNKNOWN, way, way[0], messages, release)
         if self.doubts:
@@ -195,11 +197,11 @@ class Rights:
 
     def could(self, enclave: Enclave | None, operation: str, key: str, release: Release) -> Reached:
         """Whether somebody with its key and without its file does it; None: with no key."""
-        begins = self._links.attacks(enclave)
+        begins = self.links.attacks(enclave)
         for first in self._chosen(key):
-            messages = _messages(_EFFECTIVE[operation], first, Key(key))
+            messages = to_pass(EFFECTIVE[operation], first, Key(key))
             certain = first.meant is not Meant.ANY
-            way = find_way(self._links, begins, messages, _other(enclave), release, certain=certain)
+            way = find_way(self.links, begins, messages, _other(enclave), release, certain=certain)
             if way is not None:
                 return _told(Truth.YES if certain else Truth.UNKNOWN, way, way[-1], messages, release)
         return Reached(Truth.UNKNOWN if self.doubts else Truth.NO)
@@ -238,9 +240,12 @@ def _obstacle(begins: Iterable[Tie], messages: Sequence[Message], release: Relea
     return max(begins, key=lambda tie: OBSTACLES.index(tie.crossed(messages, release)))
 
 
-def _messages(passing: Iterable[tuple[Kind, bool]], first: Key, rest: Key) -> tuple[Message, ...]:
-    """What has to pass; `first`: what whoever does it asks for or sends, `rest`: what comes of it."""
-    return tuple(Message(kind, away, first if away and kind is not _REPLY else rest) for kind, away in passing)
+def to_pass(passing: Passing, first: Key, rest: Key, replied: Key | None = None) -> tuple[Message, ...]:
+    """What has to pass; `first`: what whoever does it asks for or sends, `rest`: what comes of it; `replied`: what
+    replies are about, where not that (they have keys of their own: measured).
+    """
+    reply = replied or rest
+    return tuple(Message(kind, away, reply if kind is _REPLY else first if away else rest) for kind, away in passing)
 
 
 def _other(enclave: Enclave | None) -> Callable[[Process], bool]:

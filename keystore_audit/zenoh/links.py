@@ -7,7 +7,7 @@ A client sends whether or not it was told of a receiver, and so does a peer to a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Final
 
@@ -62,23 +62,25 @@ class Tie(Struct, frozen=True, kw_only=True):
         """What stands in the way of one of them, and in whose file; else what lets the first pass."""
         return min(self._decisions(messages, release), key=lambda each: OBSTACLES.index(each[1].truth))
 
-    def _needs(self, message: Message) -> bool:
-        """Whether it has to pass at all."""
+    def judges(self, kind: Kind, away: bool) -> Iterator[tuple[Process, Remote, Flow]]:
+        """Who decides about such a message, and of whom: nobody where it need not pass at all."""
         ends = (self.mode, self.far.says.mode)
-        sender, receiver = reversed(ends) if message.away else ends
+        sender, receiver = reversed(ends) if away else ends
         unasked = sender is Mode.CLIENT or (sender is Mode.PEER and receiver is Mode.ROUTER)
-        return message.kind not in _INTERESTS or not unasked
+        if kind in _INTERESTS and unasked:
+            return
+        if self.near is not None:
+            yield self.near, self.sees, Flow.EGRESS if away else Flow.INGRESS
+        yield self.far, self.seen, Flow.INGRESS if away else Flow.EGRESS
 
     def _decisions(self, messages: Sequence[Message], release: Release) -> Iterator[tuple[Process, Decision]]:
-        for message in filter(self._needs, messages):
-            for process, remote, out in ((self.near, self.sees, message.away), (self.far, self.seen, not message.away)):
-                if process is not None:
-                    flow = Flow.EGRESS if out else Flow.INGRESS
-                    yield process, _decided(process, remote, message.kind, flow, message.key, release)
+        for message in messages:
+            for process, remote, flow in self.judges(message.kind, message.away):
+                yield process, decided(process, remote, message.kind, flow, message.key, release)
 
 
 @lru_cache(maxsize=65536)
-def _decided(process: Process, remote: Remote, kind: Kind, flow: Flow, key: Key, release: Release) -> Decision:
+def decided(process: Process, remote: Remote, kind: Kind, flow: Flow, key: Key, release: Release) -> Decision:
     """What a process lets through: asked once, on however many ways."""
     if process.says.undecided:
         return Decision(Truth.UNKNOWN, None, "what its access control says is not known")
@@ -97,7 +99,7 @@ class Links:
 
     def __init__(self, network: Network) -> None:
         self._network = network
-        self._attackers: dict[Enclave | None, tuple[Tie, ...]] = {}
+        self._attackers: dict[Enclave | Process | None, tuple[Tie, ...]] = {}
 
     def of(self, process: Process) -> tuple[Tie, ...]:
         """Those of a process, which is their near end."""
@@ -114,15 +116,19 @@ class Links:
             if not end.multicast and not any(fits(end, other).may for other in listening)
         )
 
-    def attacks(self, enclave: Enclave | None) -> tuple[Tie, ...]:
-        """The links that somebody with the enclave's key, and without its file, can have; None: with no key at all."""
-        if enclave not in self._attackers:
-            certificate = enclave.identity if enclave is not None else None
-            ties = [tie for process in self._network.started for tie in self._attacks(process, certificate)]
-            if enclave is not None and certificate is not None:
-                ties += (t for each in self._network.started for t in self._led(each, enclave, certificate))
-            self._attackers[enclave] = tuple(ties)
-        return self._attackers[enclave]
+    def attacks(self, who: Enclave | Process | None) -> tuple[Tie, ...]:
+        """The links that somebody with the enclave's key, and without its file, can have; None: with no key at all.
+
+        Of a process of no enclave, whoever is in its place.
+        """
+        if who not in self._attackers:
+            certificate = None if who is None else who.certificate if isinstance(who, Process) else who.identity
+            started = self._network.started
+            own = [each for each in started if who is not None and who in (each, each.owner)]
+            ties = [tie for process in started for tie in self._attacks(process, certificate)]
+            ties += (t for each in started if each not in own for t in self._led(each, own, certificate))
+            self._attackers[who] = tuple(ties)
+        return self._attackers[who]
 
     def _attacks(self, process: Process, certificate: Certificate | None) -> Iterator[Tie]:
         name = common_name(certificate) if certificate is not None else None
@@ -136,12 +142,13 @@ class Links:
             yield from (Tie(near=None, mode=mode, far=process, seen=seen, sees=seen, sure=sure) for mode in Mode)
         yield from self._sought(process, certificate)
 
-    def _led(self, process: Process, enclave: Enclave, certificate: Certificate) -> Iterator[Tie]:
-        """The links that a process makes itself, to where the enclave's own listen."""
-        own = [each for each in self._network.started if each.owner is enclave and process.owner is not enclave]
+    def _led(self, process: Process, own: Sequence[Process], certificate: Certificate | None) -> Iterator[Tie]:
+        """The links that a process makes itself, to where the attacker's own listen."""
         for end, their in (met for each in own for met in self._met(process, each)):
             known, sure = None, [Truth.YES if end is None else fits(end, their)]
             if their.protocol in SECURED:
+                if certificate is None:
+                    continue
                 known = common_name(certificate)
                 sure += [
                     self._network.trusts(process, end, certificate, LISTENING),
@@ -283,24 +290,44 @@ def find_way(
     certain: bool,
 ) -> Way | None:
     """The fewest links over which all messages may (`certain`: do) pass; None: there are none."""
-    seen: set[tuple[int, int, Mode]] = set()
-    ways: list[Way] = [(tie,) for tie in begins]
-    for way in ways:  # grows
+
+    def crossing(tie: Tie) -> bool:
+        crossed = tie.crossed(messages, release)
+        return crossed.must if certain else crossed.may
+
+    return next((way for way, _what in ways(links, begins, crossing, {}, certain=certain) if ends(way[-1].far)), None)
+
+
+def ways(
+    links: Links,
+    begins: Sequence[Tie],
+    crossing: Callable[[Tie], int],
+    more: Mapping[int, Sequence[Tie]],
+    *,
+    certain: bool,
+) -> Iterator[tuple[Way, int]]:
+    """The fewest links over which things get to each place, and which of them first do by these.
+
+    `crossing`: (bits) what gets over a link; `more`: by process (its id) links that it has beside those of the network;
+    `certain`: whether what is passed on perhaps counts not.
+    """
+    seen: dict[tuple[int, int, Mode], int] = {}
+    found: list[tuple[Way, int]] = [((tie,), -1) for tie in begins]
+    for way, before in found:  # grows
         tie = way[-1]
         state = (id(tie.near), id(tie.far), tie.mode)
-        crossed = tie.crossed(messages, release)
-        if state in seen or not (crossed.must if certain else crossed.may):
+        known = seen.get(state, 0)
+        new = before & ~known and before & ~known & crossing(tie)
+        if not new:
             continue
-        if ends(tie.far):
-            return way
-        seen.add(state)
+        seen[state] = known | new
+        yield way, new
         # What is certain passes nobody twice. Of the rest loops alone are left in, that it may not seem less.
         passers = [each.near for each in (way if certain else way[-1:])]
-        for onward in links.of(tie.far):
+        for onward in (*links.of(tie.far), *more.get(id(tie.far), ())):
             passed = _passes_on(tie.far, tie.mode, onward.far.says.mode)
             if onward.far not in passers and (passed.must if certain else passed.may):
-                ways.append((*way, onward))
-    return None
+                found.append(((*way, onward), new))
 
 
 def _passes_on(process: Process, before: Mode, after: Mode) -> Truth:

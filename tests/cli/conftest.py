@@ -12,9 +12,11 @@ from pathlib import Path
 import pytest
 
 from tests.cli.keystores import run_at
+from tests.oracles.zenoh.deployment import Configuration, tls, written
 
 Done = subprocess.CompletedProcess[bytes]
 Run = Callable[..., Done]
+Network = Callable[..., Path]
 
 CLEAN = {"NO_COLOR", "FORCE_COLOR", "COLUMNS", "CI", "KEYSTORE_AUDIT_ALLOY_JAR"}
 
@@ -81,3 +83,19 @@ def many_enclaves(healthy: Path, tmp_path: Path) -> Path:
     for number in range(25):
         shutil.copytree(enclave, enclave.with_name(f"copy{number}"), symlinks=True)
     return root
+
+
+@pytest.fixture
+def network(tmp_path: Path, keys: Path) -> Network:
+    """Writes files of these names into a folder; a configuration gets the certificate of the enclave of its name."""
+
+    def network(**files: Configuration | str | bytes) -> Path:
+        folder = tmp_path / "network"
+        folder.mkdir()
+        for name, each in files.items():
+            content = written({**tls(keys, name), **each}) if isinstance(each, dict) else each
+            place = folder / (name.replace("_", ".") if "_" in name else f"{name}.json5")
+            place.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return folder
+
+    return network

@@ -4,41 +4,23 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.cli.conftest import Run
+from tests.cli.conftest import Network, Run
 from tests.keystore.builder import sros2
 from tests.oracles.zenoh.deployment import Configuration, access, allow, deny, session, tls, tool, written
 from tests.schemas import schema
 
 CHATTER = "0/chatter/*/*"
 AT = "2026-11-21T12:00:00Z"
-Network = Callable[..., Path]
 
 
 @pytest.fixture
 def keys(tmp_path: Path) -> Path:
     return sros2(tmp_path / "keys", ("/talker", "/listener", "/random"))
-
-
-@pytest.fixture
-def network(tmp_path: Path, keys: Path) -> Network:
-    """Writes files of these names into a folder; a configuration gets the certificate of the enclave of its name."""
-
-    def network(**files: Configuration | str | bytes) -> Path:
-        folder = tmp_path / "network"
-        folder.mkdir()
-        for name, each in files.items():
-            content = written({**tls(keys, name), **each}) if isinstance(each, dict) else each
-            place = folder / (name.replace("_", ".") if "_" in name else f"{name}.json5")
-            place.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return folder
-
-    return network
 
 
 def peer(name: str, **changed: Any) -> Configuration:

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from tests.cli.conftest import Run
-from tests.cli.test_routed import AT, Network, network, peer  # noqa: F401 - a fixture
+from tests.cli.conftest import Network, Run
+from tests.cli.test_routed import AT, peer
 from tests.keystore.builder import PERMISSIONS, sros2
 from tests.oracles.zenoh.deployment import Configuration, access, allow, session, tls, tool, written
 from tests.schemas import schema
@@ -63,7 +63,7 @@ def text(run: Run, keys: Path, folder: Path) -> str:
     return run("access", keys, "--zenoh", folder, "--at", AT).stdout.decode()
 
 
-def test_what_is_gained_by_dropping_a_file_stands_first(keystore_audit: Run, keys: Path, network: Network) -> None:  # noqa: F811
+def test_what_is_gained_by_dropping_a_file_stands_first(keystore_audit: Run, keys: Path, network: Network) -> None:
     folder, asked = network(**files()), ("/random", "publish", "/chatter")
     document, rights = table(keystore_audit, keys, folder)
     assert rights[asked] == ("deny", "allow")
@@ -77,7 +77,7 @@ def test_what_is_gained_by_dropping_a_file_stands_first(keystore_audit: Run, key
     assert rights["/talker", "publish", "/chatter"] == ("allow", "allow")
 
 
-def test_the_table_says_what_can_says(keystore_audit: Run, keys: Path, network: Network) -> None:  # noqa: F811
+def test_the_table_says_what_can_says(keystore_audit: Run, keys: Path, network: Network) -> None:
     folder = network(**files())
     _document, rights = table(keystore_audit, keys, folder)
     for (enclave, operation, name), both in rights.items():
@@ -92,7 +92,7 @@ def test_the_table_says_what_can_says(keystore_audit: Run, keys: Path, network: 
     } == rights
 
 
-def test_whoever_listens_is_taken_at_its_own_address(keystore_audit: Run, keys: Path, network: Network) -> None:  # noqa: F811
+def test_whoever_listens_is_taken_at_its_own_address(keystore_audit: Run, keys: Path, network: Network) -> None:
     """/listener connects to /talker and listens nowhere; who has /talker's key waits there and needs no file."""
     named = access(({"cert_common_names": ["/talker"]}, [allow("0/**", "put", flows=["ingress"])]))
     listener = session("peer", connect=["tls/localhost:7448"], **named)
@@ -103,7 +103,7 @@ def test_whoever_listens_is_taken_at_its_own_address(keystore_audit: Run, keys: 
     assert rights["/random", "publish", "/chatter"] == ("deny", "deny")
 
 
-def test_services_and_other_domains(keystore_audit: Run, keys: Path, network: Network) -> None:  # noqa: F811
+def test_services_and_other_domains(keystore_audit: Run, keys: Path, network: Network) -> None:
     served = {"talker": peer("talker", **tool(reply="go")), "listener": peer("listener", **tool(request="go"))}
     folder = network(**served)
     _document, rights = table(keystore_audit, keys, folder, code=4)  # there is no file of /random
@@ -113,7 +113,7 @@ def test_services_and_other_domains(keystore_audit: Run, keys: Path, network: Ne
     assert {name for _enclave, _operation, name in rights} == {"/chatter"}
 
 
-def test_what_cannot_be_told_denies_nothing(keystore_audit: Run, keys: Path, network: Network) -> None:  # noqa: F811
+def test_what_cannot_be_told_denies_nothing(keystore_audit: Run, keys: Path, network: Network) -> None:
     folder = network(**files())
     (folder / "more.yaml").write_text("mode: peer")
     document, rights = table(keystore_audit, keys, folder, code=4)
@@ -121,7 +121,7 @@ def test_what_cannot_be_told_denies_nothing(keystore_audit: Run, keys: Path, net
     assert "deny" not in {each for both in rights.values() for each in both}
 
 
-def test_too_many_rights_are_not_asked(keystore_audit: Run, keys: Path, network: Network) -> None:  # noqa: F811
+def test_too_many_rights_are_not_asked(keystore_audit: Run, keys: Path, network: Network) -> None:
     many = " ".join(f"topic{number}" for number in range(340))
     folder = network(talker=peer("talker", **tool(publish=many)))
     done = keystore_audit("access", keys, "--zenoh", folder, "--at", AT)

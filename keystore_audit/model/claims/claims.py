@@ -141,23 +141,28 @@ def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channel
     for labelling in _labellings(claims):
         check_labels(labelling, paths, channels, used)
     for claim in claims:
-        for glob in (*claim.source.enclaves, *claim.target.enclaves, *claim.through):
-            named_paths(glob, paths, marked(claim, glob))
+        check_places(claim, paths)
         for globs in (claim.source, claim.target):
             for glob in globs.topics:
                 check_granted(glob, channels, used, marked(claim, glob))
-        if claim.kind is ClaimKind.SEPARATE_DOMAINS:
-            both = all_matching(claim.source.enclaves, paths) & all_matching(claim.target.enclaves, paths)
-            if both:
-                raise UsageError(f"{at(claim.place)}{min(both)!r} is on both sides.")
-        if claim.kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE) and (one := _only_itself(claim, paths)):
-            raise UsageError(f"{at(claim.place)}{one} is on both sides, and nothing else.")
-        if claim.kind is ClaimKind.NO_FLOW and claim.source.outsider and claim.attacker is Attacker.HONEST:
-            raise UsageError(
-                f"{at(marked(claim, 'outsider'))}nothing can get from the outsider as long as it does not attack "
-                "(attacker honest, or --compromised, which is about enclaves): without a key, to send is to attack. "
-                "Expected attacker source or relays."
-            )
+
+
+def check_places(claim: Claim, paths: Sequence[str]) -> None:
+    """Raises errors.UsageError for globs that name none of the enclaves, and for places that must differ and do not."""
+    for glob in (*claim.source.enclaves, *claim.target.enclaves, *claim.through):
+        named_paths(glob, paths, marked(claim, glob))
+    if claim.kind is ClaimKind.SEPARATE_DOMAINS:
+        both = all_matching(claim.source.enclaves, paths) & all_matching(claim.target.enclaves, paths)
+        if both:
+            raise UsageError(f"{at(claim.place)}{min(both)!r} is on both sides.")
+    if claim.kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE) and (one := _only_itself(claim, paths)):
+        raise UsageError(f"{at(claim.place)}{one} is on both sides, and nothing else.")
+    if claim.kind is ClaimKind.NO_FLOW and claim.source.outsider and claim.attacker is Attacker.HONEST:
+        raise UsageError(
+            f"{at(marked(claim, 'outsider'))}nothing can get from the outsider as long as it does not attack "
+            "(attacker honest, or --compromised, which is about enclaves): without a key, to send is to attack. "
+            "Expected attacker source or relays."
+        )
 
 
 def _only_itself(claim: Claim, paths: Sequence[str]) -> str:

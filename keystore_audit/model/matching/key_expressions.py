@@ -14,7 +14,8 @@ EVERYTHING: Final = "**"
 """Every key without verbatim chunks."""
 _ONE: Final = "*"
 _PART: Final = "$*"
-_VERBATIM: Final = "@"
+VERBATIM: Final = "@"
+"""Begins a chunk that no wildcard stands for."""
 
 
 def wrong_with(expression: str) -> str:
@@ -64,7 +65,7 @@ def _compared(left: str, right: str, *, both: bool) -> bool:
     for chunk in left.split("/"):
         if chunk == EVERYTHING:
             for at in range(len(chunks)):
-                if at in met and not chunks[at].startswith(_VERBATIM):
+                if at in met and not chunks[at].startswith(VERBATIM):
                     met.add(at + 1)
         else:
             met = {to for at in met if at < len(chunks) for to in _after(chunk, chunks[at], at, both=both)}
@@ -83,10 +84,10 @@ def _skipping(met: set[int], chunks: list[str]) -> set[int]:
 def _after(left: str, right: str, at: int, *, both: bool) -> tuple[int, ...]:
     """Where to go on behind a chunk that is no `**`, the other being the one at `at`."""
     if right == EVERYTHING:
-        return (at,) if both and not left.startswith(_VERBATIM) else ()
+        return (at,) if both and not left.startswith(VERBATIM) else ()
     if left == right:
         return (at + 1,)
-    if left.startswith(_VERBATIM) or right.startswith(_VERBATIM):
+    if left.startswith(VERBATIM) or right.startswith(VERBATIM):
         return ()
     if _ONE in (left, right):
         return (at + 1,) if both or left == _ONE else ()
