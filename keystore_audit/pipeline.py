@@ -155,6 +155,7 @@ def audit(
         profiles=working,
         fleets=profiles,
         releases=releases(options.profiles),
+        claims=claims,
         beside=beside,
         environment=environment,
         network=network,

@@ -8,23 +8,28 @@ from itertools import islice
 from operator import and_
 from typing import Final
 
-from keystore_audit.errors import BudgetExceeded
+from msgspec.structs import replace
+
+from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location, Severity, decision
 from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.channels import Point, document_channels
 from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.formal.asked import ClaimKind
 from keystore_audit.model.intended.drift_rights import policy_grant
 from keystore_audit.model.matching.expression import any_matches
 from keystore_audit.model.names import AMBIENT_TOPICS, Use, dds_channels
 from keystore_audit.profiles import Matcher, Release, facts
 from keystore_audit.rules.network_access import NAMED
-from keystore_audit.rules.registry import Context, Violation, more_like, rule
+from keystore_audit.rules.registry import Context, Violation, more_like, quoted, rule
 from keystore_audit.truth import Truth
+from keystore_audit.zenoh import flow
 from keystore_audit.zenoh.answers import Reached, channels, rights_in
 from keystore_audit.zenoh.names import MAX_RIGHTS, OTHER_SIDE, names_in, rule_domains, written_names
 from keystore_audit.zenoh.network import Network, is_session
+from keystore_audit.zenoh.participants import NetworkFlows
 
 Granted = Callable[[Enclave, Sequence[Use]], Truth]
 """Whether an enclave was given all of it."""
@@ -119,6 +124,43 @@ def _differing(
     elif doubtful and not rights_in(network).doubts:  # these are a finding of their own
         message = f"Whether the files in {network.path} let more than was granted cannot be told."
         yield Violation(message, (), undecided=True, key="doubt")
+
+
+@rule(
+    "KA828",
+    Severity.HIGH,
+    f"{facts.ROUTED_PAGE}: what is asserted in keystore-audit.toml",
+    decision(f"Forbid it in a file that is named, or change what is asserted. {NAMED}"),
+)
+def asserted_property_violated_by_files(network: Network, context: Context) -> Iterator[Violation]:
+    """What settings assert does not hold by the files of sessions and routers: `no_flow` or `only_publish`.
+
+    The severity is the one given there, high where none is. Asked at the audit instant, under all releases that are
+    judged. Only-publish is about whoever has a key and needs no file, and about anybody without a key, not about those
+    who pass on alone. Other forms are not asked. What cannot be told stays open, as does a topic that is no key.
+    """
+    flows = NetworkFlows(context.keystore, network)
+    for claim in context.claims:
+        decide = {ClaimKind.NO_FLOW: flow.found, ClaimKind.ONLY_PUBLISH: flow.published}.get(claim.kind)
+        if decide is None:
+            continue
+        where = replace(claim.location, message="asserted here")
+        try:
+            asked = flows.asked(claim)
+            answers = [decide(flows, asked, each) for each in context.releases]
+        except (BudgetExceeded, UsageError) as error:
+            yield Violation(
+                f"{quoted(claim.id)} is not decided: {error.message}", (where,), undecided=True, key=claim.id
+            )
+            continue
+        hops = next((hops for truth, hops in answers if truth is Truth.YES), None)
+        places = (where, *(hop.location for hop in hops or () if hop.location is not None))
+        if hops:
+            said = f"By its files {quoted(claim.id)} is violated. Asserted: {claim.statement} Found: {flow.told(hops)}"
+            yield Violation(said, places, severity=claim.severity, key=claim.id)
+        elif any(truth.may for truth, _hops in answers):
+            said = f"Whether {quoted(claim.id)} holds by the files in {network.path} cannot be told."
+            yield Violation(said, places, undecided=True, key=claim.id)
 
 
 def _not_granted(network: Network, context: Context) -> Iterator[tuple[_Asked, Truth]]:

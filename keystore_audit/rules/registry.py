@@ -26,6 +26,7 @@ from keystore_audit.text import meant
 from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs none of it
+    from keystore_audit.model.claims.stated import Claim
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
     from keystore_audit.zenoh.network import Network
@@ -65,6 +66,8 @@ class Context(Struct, frozen=True, kw_only=True):
     """The processes of the middleware that routes; None where no folder of theirs was named."""
     releases: tuple[Release, ...] = ()
     """Of that middleware, those that are judged."""
+    claims: tuple[Claim, ...] = ()
+    """What settings assert."""
     drift: Drift | None = None
     """The keystore compared with the policy; None where none was named."""
     observed: Observation | None = None

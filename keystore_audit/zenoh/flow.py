@@ -20,7 +20,7 @@ from keystore_audit.zenoh.access_control import Flow, Key, Kind, Meant, Remote
 from keystore_audit.zenoh.answers import Passing, to_pass
 from keystore_audit.zenoh.configuration import SECURED, Configuration, Mode
 from keystore_audit.zenoh.links import Tie, Way, decided, ways
-from keystore_audit.zenoh.network import Process
+from keystore_audit.zenoh.network import Process, is_session
 from keystore_audit.zenoh.participants import (
     DELETED,
     OUTSIDER,
@@ -123,7 +123,7 @@ class Walk:
         if not self._certain and sender in self._attacking:
             for each in self._listening:
                 if each is not sender and (sender.unseen or each.unseen):
-                    yield Hop(sender=sender, receiver=each, key=EVERYTHING)
+                    yield Hop(sender=sender, receiver=each, key=EVERYTHING, heard=not each.unseen)
         for does, attack, heard in product((PUBLISH,) if topics else SENT, (False, True), (False, True)):
             begins = self._begins(sender, attack=attack, heard=heard)
             for passing in (SENT[does], DELETED) if attack and does == PUBLISH else (SENT[does],):
@@ -252,6 +252,27 @@ def found(flows: NetworkFlows, asked: Question, release: Release) -> tuple[Truth
         return Truth.NO, ()
     certain = Walk(flows, asked, release, certain=True).shortest()
     return (Truth.UNKNOWN, possible or ()) if certain is None else (Truth.YES, certain)
+
+
+def published(flows: NetworkFlows, asked: Question, release: Release) -> tuple[Truth, tuple[Hop, ...]]:
+    """Whether somebody's samples on topics of the target are taken who is none of the source, and whose.
+
+    Where the source is empty: whether those of more than one are. Whoever passes them on alone is not asked, nor who
+    takes them and attacks. Raises as `found`.
+    """
+    flows.check_size()
+    started = flows.network.started
+    routing = {each for router in started if not is_session(router) for each in (router, router.owner)}
+    others = [e for e in flows.participants if e.sessions or e.who is None or e.who not in routing]
+    others = [each for each in others if each not in asked.source.participants]
+    asked = replace(asked, attacker=Attacker.RELAYS)
+    for certain in (True, False):
+        walk = Walk(flows, asked, release, certain=certain)
+        taken = (next((h for h in walk.hops(each, asked.target.topics) if not h.heard), None) for each in others)
+        hops = tuple(hop for hop in taken if hop is not None)
+        if len(hops) > (0 if asked.source.participants else 1):
+            return (Truth.YES if certain else Truth.UNKNOWN), hops[-1:]
+    return (Truth.UNKNOWN if flows.rights.doubts else Truth.NO), ()
 
 
 def told(hops: Sequence[Hop]) -> str:

@@ -307,3 +307,56 @@ def test_one_file_of_another_domain_beside_two_of_one(tmp_path: Path) -> None:
     (network / "third.json5").write_text(written({**session("client", connect=[END]), **third}), "utf-8")
     (message,) = told(keys, network, "KA823")
     assert message.endswith("third.json5, 7.")
+
+
+SETTINGS = """[[property]]
+name = "asserted"
+severity = "medium"
+{}
+"""
+
+
+def asserted(root: Path, keys: Path, network: Path, form: str) -> list[tuple[str, str, int]]:
+    """What KA828 says, how bad it is, and how many places it names."""
+    settings = root / "keystore-audit.toml"
+    settings.write_text(SETTINGS.format(form), "utf-8")
+    report = api.audit(keys, network=network, settings=settings, engine="native", at=NOW)
+    found = [each for each in report.findings if each.code == "KA828"]
+    return [(each.message, each.severity.value, len(each.locations)) for each in found]
+
+
+NO_FLOW = 'no_flow = {{ from = "/talker", to = "{}", attacker = "{}" }}'
+VIOLATED = "By its files 'asserted' is violated. Asserted: "
+
+
+@pytest.mark.parametrize(
+    ("rule", "who", "form", "begins"),
+    [
+        ("0/chatter/*/*", "/talker", NO_FLOW.format("/listener", "honest"), None),  # its file takes no subscription
+        ("0/other/*/*", "/talker", NO_FLOW.format("/listener", "source"), VIOLATED),
+        ("0/chatter/*/*", "/nobody", NO_FLOW.format("/listener", "source"), None),
+        ("0/chatter/*/*", "/nobody", NO_FLOW.format("topic:/chatter", "source"), None),
+        ("0/chatter/*/*", "/talker", NO_FLOW.format("topic:/chatter", "source"), VIOLATED),
+        ("0/chatter/*/*", "/talker", NO_FLOW.format("dds:rt/chatte?", "source"), "'asserted' is not decided: "),
+        ("0/chatter/*/*", "/talker", 'only_publish = { topic = "/chatter", enclaves = "/listener" }', VIOLATED),
+        ("0/chatter/*/*", "/talker", 'only_publish = { topic = "/chatter", enclaves = "/talker" }', None),
+        ("0/**", "/talker", 'only_publish = { topic = "/chatter", enclaves = "/listener" }', VIOLATED),
+        ("0/other/*/*", "/talker", 'only_publish = { topic = "/chatter", enclaves = "/listener" }', None),
+        ("0/chatter/*/*", "/talker", 'able = { from = "/listener", to = "/talker" }', None),
+    ],
+)
+def test_what_settings_assert(rule: str, who: str, form: str, begins: str | None, tmp_path: Path) -> None:
+    keys = keystore(tmp_path, "rt/*", listener="rt/chatter|rt/*")
+    found = asserted(tmp_path, keys, files(tmp_path, keys, rule, who), form)
+    assert len(found) == (begins is not None)
+    for message, severity, places in found:
+        assert message.startswith(begins or "")
+        assert (severity, places) == (("medium", 2) if begins == VIOLATED else ("high", 1))
+
+
+def test_what_cannot_be_told_of_it_stays_open(tmp_path: Path) -> None:
+    keys = keystore(tmp_path, "rt/*", listener="rt/chatter|rt/*")
+    network = files(tmp_path, keys)
+    (network / "more.yaml").write_text("mode: peer", "utf-8")
+    ((message, _severity, _places),) = asserted(tmp_path, keys, network, NO_FLOW.format("/listener", "honest"))
+    assert message == f"Whether 'asserted' holds by the files in {network} cannot be told."

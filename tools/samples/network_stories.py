@@ -277,19 +277,26 @@ def _restrained() -> Iterator[Story]:
 
 
 def _beyond() -> Iterator[Story]:
-    """/random is granted /random alone."""
+    """/random is granted /random alone, and settings say that nothing gets from it to /listener."""
     ends = {"connect": {"endpoints": [OPENS, "tls/localhost:7450"]}}
     random = session("random", **ends, access_control=access(named("/listener"), *SENDS))
     listens = {"listen": {"endpoints": ["tls/localhost:7450"]}, "connect": {"endpoints": [OPENS]}}
     wide = access(named("/talker", "/random"), *TAKES)
-    yield from _pair(
-        "KA822",
-        Case(
-            "/listener takes /chatter from /random too, whose signed permissions are about /random alone.", WITH_RANDOM
-        ),
-        {**GOOD, "random": random, "listener": listener(**listens, access_control=wide)},
-        "The same files, and /listener takes /chatter from /talker alone.",
-        {**GOOD, "random": random, "listener": listener(**listens)},
+    beyond = {**GOOD, "random": random, "listener": listener(**listens, access_control=wide)}
+    within = {**GOOD, "random": random, "listener": listener(**listens)}
+    right = "The same files, and /listener takes /chatter from /talker alone."
+    said = "/listener takes /chatter from /random too, whose signed permissions are about /random alone."
+    yield from _pair("KA822", Case(said, WITH_RANDOM), beyond, right, within)
+    said = "/listener takes /chatter from /random, from which settings say that nothing gets to it."
+    bad, good = (
+        _case("KA828", side, text, WITH_RANDOM, files)
+        for side, text, files in (("bad", said, beyond), ("good", right, within))
+    )
+    asserted = ("--settings", "settings/random.toml")
+    yield from pair(
+        "KA828",
+        bad=bad._replace(options=(*bad.options, *asserted)),
+        good=good._replace(options=(*good.options, *asserted)),
     )
 
 
