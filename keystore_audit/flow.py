@@ -11,7 +11,6 @@ from msgspec import Struct
 
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.engines import (
-    NATIVELY,
     Engines,
     asserted,
     combine_claims,
@@ -39,23 +38,17 @@ from keystore_audit.properties.result import (
     AssertedResult,
     Change,
     CompromiseAnswer,
-    Counterexample,
     EngineRun,
     FallResult,
     KeyAnswer,
     ProfileRadius,
-    ProfileResult,
     Status,
-    Step,
     Stolen,
 )
 from keystore_audit.settings.claims import place
-from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from keystore_audit.zenoh.flow import Hop
 
 
 class FlowQuestion(Struct, frozen=True, kw_only=True):
@@ -157,51 +150,30 @@ def find_routed_flow(
     question: FlowQuestion,
     given: Circumstances,
     releases: Sequence[Release],
+    engines: Engines,
 ) -> FlowAnswer:
     """The same by the files of sessions and routers there. Raises as `find_flow`, and where there is no such file."""
-    from keystore_audit.zenoh.flow import found
+    from keystore_audit.engine.routed import decide
     from keystore_audit.zenoh.network import read_network
     from keystore_audit.zenoh.participants import NetworkFlows
 
     keystore = given.keystore(path)
     flows = NetworkFlows(keystore, read_network(folder, keystore, given.at))
-
-    def answered(claim: Claim, release: Release) -> ProfileResult:
-        truth, hops = found(flows, flows.asked(claim), release)
-        status = {Truth.YES: Status.VIOLATED, Truth.NO: Status.HOLDS}.get(truth, Status.UNKNOWN)
-        return ProfileResult(status=status, engines={"native": status}, counterexample=_way(hops))
-
-    results = [(claim, {each.name: answered(claim, each) for each in releases}) for claim in questions(question)]
+    claims = questions(question)
+    runs, found = decide(flows, [(flows.asked(each), release) for each in claims for release in releases], engines)
+    told = iter(found)
+    results = [(each, {release.name: next(told) for release in releases}) for each in claims]
     return FlowAnswer(
         question=question,
         at=given.at,
         profiles=tuple(each.name for each in releases),
         results=tuple((each.attacker, asserted(each, each.attacker.value, told)) for each, told in results),
         falls=(),
-        engines=(NATIVELY,),
+        engines=runs[-1:] if engines.choice == "native" else runs,
         doubts=tuple(place for place, _why in flows.rights.doubts),
         folder=os.fspath(folder),
         unclear=flows.rights.doubts,
     )
-
-
-def _way(hops: Sequence[Hop]) -> Counterexample | None:
-    """The way with the line of each hop that lets it in."""
-    if not hops:
-        return None
-    from keystore_audit.zenoh.flow import told
-
-    steps = (
-        Step(
-            enclave=hop.receiver.label,
-            channel=None,
-            witness=hop.key,
-            path=hop.location.path if hop.location is not None else None,
-            line=hop.location.line if hop.location is not None else None,
-        )
-        for hop in hops
-    )
-    return Counterexample(text=told(hops), steps=tuple(steps))
 
 
 def posed(

@@ -81,9 +81,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     from keystore_audit.profiles import releases
 
     if given["network"] is not None:
-        opt.refuse(("fallen", "not_assumed", "time_zone", "alloy_jar"), "files of sessions and routers")
-        if given["engine"] not in ("native", "auto"):
-            raise click.UsageError("Files of sessions and routers are decided natively.")
+        opt.refuse(("fallen", "not_assumed", "time_zone"), "files of sessions and routers")
     settings = opt.named_settings(given, keystore)
     question = FlowQuestion(
         source=source,
@@ -94,11 +92,11 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         compromised=given["fallen"],
         able=tuple(each for each in settings.claims if each.kind is ClaimKind.ABLE) if settings else (),
     )
-    reading = opt.reading(given, settings)
+    reading, engines = opt.reading(given, settings), opt.engines(given)
     if given["network"] is None:
-        answer = find_flow(keystore, question, reading, engines=opt.engines(given))
+        answer = find_flow(keystore, question, reading, engines=engines)
     else:
-        answer = find_routed_flow(keystore, given["network"], question, reading, releases(given["profiles"]))
+        answer = find_routed_flow(keystore, given["network"], question, reading, releases(given["profiles"]), engines)
     output.write_stdout(rendered(answer, given["form"]))
     return exit_code(answer.status)
 

@@ -48,7 +48,6 @@ Tell = Callable[[int, Answer], Counterexample | None]
 Answers = Mapping[str, Sequence[Mapping[str, Answer]]]
 """By engine what it said of each system, parallel to the systems asked."""
 
-
 Falls = Sequence[Sequence["Fall"]]
 """By system, the smallest sets of compromised participants that violate a claim."""
 
@@ -88,7 +87,7 @@ def run_engines(
         return native.checked([decision.answers for decision in found]), atoms
 
     alone = claims and engines.choice == "native"
-    return _run(lambda: native.claim_answers() if alone else native.answers, ask, engines, stage)
+    return run_asked(lambda: native.claim_answers() if alone else native.answers, ask, engines, stage)
 
 
 def run_falls(
@@ -104,24 +103,25 @@ def run_falls(
         with analyzer_of(engine, engines.timeout) as analyzer:
             return [fallen(system, most, smallest_sets(system, most, analyzer)) for system in systems], None
 
-    return _run(lambda: [fallen(system, most) for system in systems], ask, engines, None)
+    return run_asked(lambda: [fallen(system, most) for system in systems], ask, engines, None)
 
 
-def _run(
+def run_asked(
     natively: Callable[[], T], ask: Callable[[Engine], Asked[T]], engines: Engines, stage: Callable[[str], None] | None
 ) -> tuple[tuple[EngineRun, ...], Mapping[str, T]]:
+    """How each engine that is chosen fared, and what those say that answered: natively, and by the Analyzer."""
     choice = engines.choice
     runs: list[EngineRun] = []
     answers: dict[str, T] = {}
     if choice == "native":
-        runs.append(_not_run("alloy", "--engine native"))
+        runs.append(_notrun_asked("alloy", "--engine native"))
     else:
         run, found = ask_alloy(ask, engines, stage)
         runs.append(run)
         if found is not None:
             answers["alloy"] = found
     if choice == "alloy":
-        runs.append(_not_run("native", "--engine alloy"))
+        runs.append(_notrun_asked("native", "--engine alloy"))
     else:
         answers["native"] = natively()
         runs.append(NATIVELY)
@@ -167,7 +167,7 @@ NATIVELY: Final = EngineRun(name="native", version=None, status=EngineStatus.OK,
 """The native engine, where it was asked: it always answers."""
 
 
-def _not_run(name: str, reason: str) -> EngineRun:
+def _notrun_asked(name: str, reason: str) -> EngineRun:
     return EngineRun(name=name, version=None, status=EngineStatus.NOT_RUN, reason=reason, required=False)
 
 

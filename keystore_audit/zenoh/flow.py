@@ -88,8 +88,8 @@ class Walk:
         whole = asked.attacker is Attacker.RELAYS
         attacking = everybody if whole else asked.source.participants if asked.attacker is Attacker.SOURCE else ()
         unseen = () if certain else tuple(each for each in everybody if each.unseen)
-        self._attacking = {*attacking, *unseen}
-        self._listening = {*(everybody if whole else (OUTSIDER,)), *unseen}
+        self.attacking = {*attacking, *unseen}
+        self.listening = {*(everybody if whole else (OUTSIDER,)), *unseen}
         self._nodes = {id(session): each for each in everybody for session in each.sessions}
         self._let = cache(self._let_by)
         self._sent = cache(self._sent_by)
@@ -120,8 +120,8 @@ class Walk:
 
     def hops(self, sender: Participant, topics: tuple[str, ...]) -> Iterator[Hop]:
         """To whom something comes that the sender puts out, on these topics alone where some are given."""
-        if not self._certain and sender in self._attacking:
-            for each in self._listening:
+        if not self._certain and sender in self.attacking:
+            for each in self.listening:
                 if each is not sender and (sender.unseen or each.unseen):
                     yield Hop(sender=sender, receiver=each, key=EVERYTHING, heard=not each.unseen)
         for does, attack, heard in product((PUBLISH,) if topics else SENT, (False, True), (False, True)):
@@ -132,7 +132,7 @@ class Walk:
 
     def _begins(self, sender: Participant, *, attack: bool, heard: bool) -> Sequence[Tie]:
         if attack:
-            return self._flows.attacks(sender) if sender in self._attacking else ()
+            return self._flows.attacks(sender) if sender in self.attacking else ()
         more, links = self._ears if heard else {}, self._flows.rights.links
         return [tie for each in sender.sessions for tie in (*links.of(each), *more.get(id(each), ()))]
 
@@ -200,7 +200,7 @@ class Walk:
     @cached_property
     def _heard(self) -> list[tuple[Participant, Tie]]:
         """The links on which somebody listens without a file: its own, and perhaps any without TLS, on the wire."""
-        links, ends = self._flows.rights.links, {each: {m: _nobody(m) for m in Mode} for each in self._listening}
+        links, ends = self._flows.rights.links, {each: {m: _nobody(m) for m in Mode} for each in self.listening}
         found = [
             (
                 each,
@@ -213,7 +213,7 @@ class Walk:
                     sure=tie.sure,
                 ),
             )
-            for each in self._listening
+            for each in self.listening
             for tie in self._flows.attacks(each)
         ]
         plain = (

@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from cryptography.hazmat.primitives.asymmetric import ec
 
+from keystore_audit.engine.alloy import routed as in_alloy
+from keystore_audit.zenoh.flow import Walk
 from tests.cli.conftest import Network, Run
 from tests.cli.test_routed import AT, CHATTER, peer
 from tests.keystore import builder
@@ -34,7 +36,7 @@ def flow(run: Run, store: Path, folder: Path, *words: str) -> tuple[Found, dict[
     document: dict[str, Any] = json.loads(done.stdout)
     schema("flow").validate(document)
     found = {attacker: each["flow"] for attacker, each in document["attackers"].items()}
-    assert done.returncode == (4 if None in found.values() else int(True in found.values()))
+    assert done.returncode == (4 if document["flow"] is None else int(document["flow"]))
     return found, document
 
 
@@ -271,3 +273,51 @@ def test_usage(keystore_audit: Run, keys: Path, network: Network) -> None:
         done = keystore_audit("flow", keys, *words, "--zenoh", folder, "--at", AT)
         assert done.returncode == 2, (words, done.stderr)
         assert said in done.stderr.decode(), words
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_both_engines_decide(keystore_audit: Run, keys: Path, network: Network) -> None:
+    """Alloy says that nothing may get through, or no more; then it agrees with a flow, and decides alone nothing."""
+    folder = network(**peers(talker=access(*gives(CHATTER)), listener=access(*takes(CHATTER, "/talker"))))
+    for words, both, alone in (
+        (("/talker", "/listener"), True, None),
+        (("/random", "/listener"), False, False),
+    ):
+        asked = (*words, "--attacker", "source", "--rmw", "zenoh", "--distro", "jazzy")
+        found, document = flow(keystore_audit, keys, folder, *asked, "--engine", "both")
+        assert found == {"source": both}
+        (answer,) = document["attackers"]["source"]["profiles"].values()
+        assert answer["engines"] == {"native": both, "alloy": both}
+        assert flow(keystore_audit, keys, folder, *asked, "--engine", "alloy")[0] == {"source": alone}
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_engines_that_disagree_decide_nothing(
+    keystore_audit: Run, keys: Path, network: Network, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alloy finds a way that the native search is made to overlook."""
+    folder = network(**peers(talker=access(*gives(CHATTER)), listener=access(*takes(CHATTER, "/talker"))))
+    asked = ("/talker", "/listener", "--attacker", "source", "--rmw", "zenoh", "--distro", "jazzy", "--engine", "both")
+    monkeypatch.setattr(Walk, "shortest", lambda _walk: None)
+    found, document = flow(keystore_audit, keys, folder, *asked)
+    assert found == {"source": None}
+    (answer,) = document["attackers"]["source"]["profiles"].values()
+    assert answer["engines"] == {"native": False, "alloy": None}
+    done = keystore_audit("flow", keys, *asked, "--zenoh", folder, "--at", AT)
+    assert b"The engines disagree" in done.stdout
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_a_network_that_is_too_large_for_alloy_is_unknown(
+    keystore_audit: Run, keys: Path, network: Network, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = network(**peers(talker=access(*gives(CHATTER)), listener=access(*takes("0/b/*/*"))))
+    asked = ("/talker", "/listener", "--attacker", "honest", "--engine", "both")
+    monkeypatch.setattr(in_alloy, "MOST_CROSSINGS", 10)
+    found, document = flow(keystore_audit, keys, folder, *asked)
+    assert document["engines"]["alloy"]["status"] == "out_of_scale"
+    assert document["flow"] is None
+    assert found == {"honest": False}
