@@ -4,17 +4,6 @@
 module network
 open routing
 
--- networks/turtlesim_clients/keyboard.json5
-one sig Process0 extends Process {}
--- networks/turtlesim_clients/multiplexer.json5
-one sig Process1 extends Process {}
--- networks/turtlesim_clients/random.json5
-one sig Process2 extends Process {}
--- networks/turtlesim_clients/turtlesim.json5
-one sig Process3 extends Process {}
--- networks/turtlesim_clients/zenohd.json5
-one sig Process4 extends Process {}
-
 -- /keyboard
 one sig Participant0 extends Participant {}
 -- /multiplexer
@@ -27,6 +16,59 @@ one sig Participant3 extends Participant {}
 one sig Participant4 extends Participant {}
 -- outsider
 one sig Participant5 extends Participant {}
+
+-- networks/turtlesim_clients/keyboard.json5
+one sig Process0 extends Process {}
+-- networks/turtlesim_clients/multiplexer.json5
+one sig Process1 extends Process {}
+-- networks/turtlesim_clients/random.json5
+one sig Process2 extends Process {}
+-- networks/turtlesim_clients/turtlesim.json5
+one sig Process3 extends Process {}
+-- networks/turtlesim_clients/zenohd.json5
+one sig Process4 extends Process {}
+
+-- networks/turtlesim_clients/keyboard.json5
+one sig Subject0 extends Subject {}
+-- networks/turtlesim_clients/multiplexer.json5
+one sig Subject1 extends Subject {}
+-- networks/turtlesim_clients/random.json5
+one sig Subject2 extends Subject {}
+-- networks/turtlesim_clients/turtlesim.json5
+one sig Subject3 extends Subject {}
+-- networks/turtlesim_clients/zenohd.json5
+one sig Subject4 extends Subject {}
+-- networks/turtlesim_clients/zenohd.json5
+one sig Subject5 extends Subject {}
+-- networks/turtlesim_clients/zenohd.json5
+one sig Subject6 extends Subject {}
+-- networks/turtlesim_clients/zenohd.json5
+one sig Subject7 extends Subject {}
+
+-- of_the_router
+one sig Rule0 extends Rule {}
+-- graph
+one sig Rule1 extends Rule {}
+-- publish /keyboard ingress
+one sig Rule2 extends Rule {}
+-- publish /keyboard egress
+one sig Rule3 extends Rule {}
+-- publish /multiplexer ingress
+one sig Rule4 extends Rule {}
+-- publish /multiplexer egress
+one sig Rule5 extends Rule {}
+-- subscribe /multiplexer ingress
+one sig Rule6 extends Rule {}
+-- subscribe /multiplexer egress
+one sig Rule7 extends Rule {}
+-- publish /random ingress
+one sig Rule8 extends Rule {}
+-- publish /random egress
+one sig Rule9 extends Rule {}
+-- subscribe /turtlesim ingress
+one sig Rule10 extends Rule {}
+-- subscribe /turtlesim egress
+one sig Rule11 extends Rule {}
 
 -- networks/turtlesim_clients/keyboard.json5 to networks/turtlesim_clients/zenohd.json5
 one sig Link0 extends Link {}
@@ -121,59 +163,6 @@ one sig View8 extends View {}
 -- /zenohd by tls
 one sig View9 extends View {}
 
--- networks/turtlesim_clients/keyboard.json5
-one sig Subject0 extends Subject {}
--- networks/turtlesim_clients/multiplexer.json5
-one sig Subject1 extends Subject {}
--- networks/turtlesim_clients/random.json5
-one sig Subject2 extends Subject {}
--- networks/turtlesim_clients/turtlesim.json5
-one sig Subject3 extends Subject {}
--- networks/turtlesim_clients/zenohd.json5
-one sig Subject4 extends Subject {}
--- networks/turtlesim_clients/zenohd.json5
-one sig Subject5 extends Subject {}
--- networks/turtlesim_clients/zenohd.json5
-one sig Subject6 extends Subject {}
--- networks/turtlesim_clients/zenohd.json5
-one sig Subject7 extends Subject {}
-
--- of_the_router
-one sig Rule0 extends Rule {}
--- graph
-one sig Rule1 extends Rule {}
--- publish /keyboard ingress
-one sig Rule2 extends Rule {}
--- publish /keyboard egress
-one sig Rule3 extends Rule {}
--- publish /multiplexer ingress
-one sig Rule4 extends Rule {}
--- publish /multiplexer egress
-one sig Rule5 extends Rule {}
--- subscribe /multiplexer ingress
-one sig Rule6 extends Rule {}
--- subscribe /multiplexer egress
-one sig Rule7 extends Rule {}
--- publish /random ingress
-one sig Rule8 extends Rule {}
--- publish /random egress
-one sig Rule9 extends Rule {}
--- subscribe /turtlesim ingress
-one sig Rule10 extends Rule {}
--- subscribe /turtlesim egress
-one sig Rule11 extends Rule {}
-
--- 0\x2f**
-one sig Expression0 extends Expression {}
--- @ros2_lv/0\x2f**
-one sig Expression1 extends Expression {}
--- 0/high_priority\x2f*\x2f*
-one sig Expression2 extends Expression {}
--- 0/move_turtle\x2f*\x2f*
-one sig Expression3 extends Expression {}
--- 0/low_priority\x2f*\x2f*
-one sig Expression4 extends Expression {}
-
 -- 0\x2f**
 one sig Class0 extends Class {}
 -- @ros2_lv/0\x2f**
@@ -192,6 +181,17 @@ one sig Class6 extends Class {}
 one sig Class7 extends Class {}
 -- **
 one sig Class8 extends Class {}
+
+-- 0\x2f**
+one sig Expression0 extends Expression {}
+-- @ros2_lv/0\x2f**
+one sig Expression1 extends Expression {}
+-- 0/high_priority\x2f*\x2f*
+one sig Expression2 extends Expression {}
+-- 0/move_turtle\x2f*\x2f*
+one sig Expression3 extends Expression {}
+-- 0/low_priority\x2f*\x2f*
+one sig Expression4 extends Expression {}
 
 -- PUBLISHED 0\x2f**
 one sig Sending0 extends Sending {}
@@ -308,16 +308,31 @@ one sig Name4 extends Name {}
 -- tls
 one sig Protocol0 extends Protocol {}
 
+fun session: Participant -> Process {
+	Participant0 -> Process0
+	+ Participant1 -> Process1
+	+ Participant2 -> Process2
+	+ Participant3 -> Process3
+}
+
+fun outsider: set Participant { Participant5 }
+
+fun unseen: set Participant { none }
+
+fun attacking: set Participant { Participant }
+
+fun listening: set Participant { Participant }
+
+fun source: set Participant { Participant3 }
+
+fun target: set Participant { Participant2 }
+
+fun through: set Participant { Participant4 }
+
 fun mode: Process -> Mode {
 	(Process0 + Process1 + Process2 + Process3) -> CLIENT
 	+ Process4 -> ROUTER
 }
-
-fun brokering: set Process { none }
-
-fun unrestricted: set Process { none }
-
-fun default_allow: set Process { none }
 
 fun subject: Process -> Subject {
 	Process0 -> Subject0
@@ -326,6 +341,12 @@ fun subject: Process -> Subject {
 	+ Process3 -> Subject3
 	+ Process4 -> (Subject4 + Subject5 + Subject6 + Subject7)
 }
+
+fun brokering: set Process { none }
+
+fun unrestricted: set Process { none }
+
+fun default_allow: set Process { none }
 
 fun rule: Subject -> Rule {
 	(Subject0 + Subject1 + Subject2 + Subject3) -> Rule0
@@ -349,8 +370,6 @@ fun unproven: set Subject { none }
 
 fun by_id: set Subject { none }
 
-fun allow_rule: set Rule { Rule }
-
 fun message: Rule -> Kind {
 	Rule0 -> (PUT + SUBSCRIBE)
 	+ (Rule2 + Rule4 + Rule7 + Rule8 + Rule11) -> PUT
@@ -372,7 +391,7 @@ fun expression: Rule -> Expression {
 	+ (Rule8 + Rule9) -> Expression4
 }
 
-fun judged_as_put: set Kind { none }
+fun allow_rule: set Rule { Rule }
 
 fun near: Link -> Process {
 	Link0 -> Process0
@@ -452,6 +471,8 @@ fun uncontrolled: set View { none }
 
 fun chosen: set View { (View5 + View6 + View7 + View8 + View9) }
 
+fun verbatim: set Class { (Class1 + Class6) }
+
 fun includes: Expression -> Class {
 	Expression0 -> (Class0 + Class2 + Class3 + Class4)
 	+ Expression1 -> Class1
@@ -477,8 +498,6 @@ fun within: Expression -> Class {
 }
 
 fun everything: set Expression { none }
-
-fun verbatim: set Class { (Class1 + Class6) }
 
 fun class: Sending -> Class {
 	((Sending0 + Sending1 + Sending2 + Sending3 + Sending4 + Sending5) -> Class0
@@ -509,23 +528,4 @@ fun first: set Sending { none }
 
 fun last: set Sending { none }
 
-fun session: Participant -> Process {
-	Participant0 -> Process0
-	+ Participant1 -> Process1
-	+ Participant2 -> Process2
-	+ Participant3 -> Process3
-}
-
-fun outsider: set Participant { Participant5 }
-
-fun unseen: set Participant { none }
-
-fun attacking: set Participant { Participant }
-
-fun listening: set Participant { Participant }
-
-fun source: set Participant { Participant3 }
-
-fun target: set Participant { Participant2 }
-
-fun through: set Participant { Participant4 }
+fun judged_as_put: set Kind { none }

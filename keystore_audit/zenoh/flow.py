@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from itertools import product
+from typing import Final
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -79,25 +80,31 @@ def _alike(process: Process, keys: Keys) -> tuple[tuple[Key, int], ...]:
     return tuple(found.values())
 
 
-class Walk:
-    """One search: over hops that there may be, or (`certain`) that there are."""
+class Walks:
+    """Searches over hops that there may be, or (`certain`) that there are, while these attack and these listen."""
 
-    def __init__(self, flows: NetworkFlows, asked: Question, release: Release, *, certain: bool) -> None:
-        self._flows, self._asked, self._release, self._certain = flows, asked, release, certain
-        everybody = flows.participants
-        whole = asked.attacker is Attacker.RELAYS
-        attacking = everybody if whole else asked.source.participants if asked.attacker is Attacker.SOURCE else ()
-        unseen = () if certain else tuple(each for each in everybody if each.unseen)
-        self.attacking = {*attacking, *unseen}
-        self.listening = {*(everybody if whole else (OUTSIDER,)), *unseen}
-        self._nodes = {id(session): each for each in everybody for session in each.sessions}
+    def __init__(
+        self,
+        flows: NetworkFlows,
+        attacking: frozenset[Participant],
+        listening: frozenset[Participant],
+        release: Release,
+        *,
+        ambient: bool,
+        certain: bool,
+    ) -> None:
+        self._flows, self._release, self._ambient, self._certain = flows, release, ambient, certain
+        self.attacking = attacking
+        self.listening = tuple(each for each in flows.participants if each in listening)
+        self._nodes = {id(session): each for each in flows.participants for session in each.sessions}
         self._let = cache(self._let_by)
         self._sent = cache(self._sent_by)
         self._alike = cache(_alike)
+        self.hops = cache(self._hops)
 
-    def shortest(self) -> tuple[Hop, ...] | None:
+    def shortest(self, asked: Question) -> tuple[Hop, ...] | None:
         """The fewest hops by which something gets there; None: there are none."""
-        source, target, through = self._asked.source, self._asked.target, self._asked.through
+        source, target, through = asked.source, asked.target, asked.through
         came: dict[Participant, tuple[Hop, ...]] = dict.fromkeys(source.participants, ())
         senders = [each for each in self._flows.participants if source.topics and each not in through]
         for hop in (hop for each in senders for hop in self.hops(each, source.topics)):
@@ -118,8 +125,11 @@ class Walk:
                     waiting.append((hop.receiver, came[hop.receiver]))
         return None
 
-    def hops(self, sender: Participant, topics: tuple[str, ...]) -> Iterator[Hop]:
-        """To whom something comes that the sender puts out, on these topics alone where some are given."""
+    def _hops(self, sender: Participant, topics: tuple[str, ...]) -> tuple[Hop, ...]:
+        """To whom something comes that the sender puts out, on these topics alone where some are given: a hop each."""
+        return tuple({(each.receiver, each.heard): each for each in reversed([*self._found(sender, topics)])}.values())
+
+    def _found(self, sender: Participant, topics: tuple[str, ...]) -> Iterator[Hop]:
         if not self._certain and sender in self.attacking:
             for each in self.listening:
                 if each is not sender and (sender.unseen or each.unseen):
@@ -176,8 +186,8 @@ class Walk:
 
     def _sent_by(self, does: str, topics: tuple[str, ...], attack: bool, heard: bool) -> tuple[Sent, ...]:
         """What messages are about, as those choose who attack (`attack`: the sender, `heard`: the receiver)."""
-        classes = self._flows.classes(does, topics, self._asked.ambient)
-        apart = apart_from(does, topics, ambient=self._asked.ambient)
+        classes = self._flows.classes(does, topics, self._ambient)
+        apart = apart_from(does, topics, ambient=self._ambient)
         texts = tuple(classes)
         if not self._certain:
             first, rest = (
@@ -240,6 +250,18 @@ def _nobody(mode: Mode) -> Process:
     return Process(file=file, says=Configuration(mode=mode), owner=None, certificate=None, holds_key=False)
 
 
+def walks(flows: NetworkFlows, asked: Question, release: Release, *, certain: bool) -> Walks:
+    """Those for a question: questions with the same attackers share what they look at."""
+    everybody, whole = flows.participants, asked.attacker is Attacker.RELAYS
+    attacking = everybody if whole else asked.source.participants if asked.attacker is Attacker.SOURCE else ()
+    unseen = () if certain else tuple(each for each in everybody if each.unseen)
+    listening = frozenset((*(everybody if whole else (OUTSIDER,)), *unseen))
+    return _walks(flows, frozenset((*attacking, *unseen)), listening, release, ambient=asked.ambient, certain=certain)
+
+
+_walks: Final = lru_cache(maxsize=16)(Walks)
+
+
 def found(flows: NetworkFlows, asked: Question, release: Release) -> tuple[Truth, tuple[Hop, ...]]:
     """Whether something gets there, and how it does, or may. It never does not where something is in doubt.
 
@@ -247,10 +269,10 @@ def found(flows: NetworkFlows, asked: Question, release: Release) -> tuple[Truth
     """
     flows.check_size()
     doubtful = bool(flows.rights.doubts)
-    possible = None if doubtful else Walk(flows, asked, release, certain=False).shortest()
+    possible = None if doubtful else walks(flows, asked, release, certain=False).shortest(asked)
     if possible is None and not doubtful:
         return Truth.NO, ()
-    certain = Walk(flows, asked, release, certain=True).shortest()
+    certain = walks(flows, asked, release, certain=True).shortest(asked)
     return (Truth.UNKNOWN, possible or ()) if certain is None else (Truth.YES, certain)
 
 
@@ -267,8 +289,8 @@ def published(flows: NetworkFlows, asked: Question, release: Release) -> tuple[T
     others = [each for each in others if each not in asked.source.participants]
     asked = replace(asked, attacker=Attacker.RELAYS)
     for certain in (True, False):
-        walk = Walk(flows, asked, release, certain=certain)
-        taken = (next((h for h in walk.hops(each, asked.target.topics) if not h.heard), None) for each in others)
+        hops_of = walks(flows, asked, release, certain=certain).hops
+        taken = (next((h for h in hops_of(each, asked.target.topics) if not h.heard), None) for each in others)
         hops = tuple(hop for hop in taken if hop is not None)
         if len(hops) > (0 if asked.source.participants else 1):
             return (Truth.YES if certain else Truth.UNKNOWN), hops[-1:]

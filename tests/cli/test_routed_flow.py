@@ -10,7 +10,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric import ec
 
 from keystore_audit.engine.alloy import routed as in_alloy
-from keystore_audit.zenoh.flow import Walk
+from keystore_audit.zenoh.flow import Walks
 from tests.cli.conftest import Network, Run
 from tests.cli.test_routed import AT, CHATTER, peer
 from tests.keystore import builder
@@ -300,7 +300,7 @@ def test_engines_that_disagree_decide_nothing(
     """Alloy finds a way that the native search is made to overlook."""
     folder = network(**peers(talker=access(*gives(CHATTER)), listener=access(*takes(CHATTER, "/talker"))))
     asked = ("/talker", "/listener", "--attacker", "source", "--rmw", "zenoh", "--distro", "jazzy", "--engine", "both")
-    monkeypatch.setattr(Walk, "shortest", lambda _walk: None)
+    monkeypatch.setattr(Walks, "shortest", lambda _walks, _asked: None)
     found, document = flow(keystore_audit, keys, folder, *asked)
     assert found == {"source": None}
     (answer,) = document["attackers"]["source"]["profiles"].values()

@@ -7,9 +7,9 @@ and where something gets to it decides by itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from keystore_audit.engine.alloy.answers import Command
 from keystore_audit.engine.alloy.atoms import Atom, Relations, Sort, declare, function
@@ -19,10 +19,10 @@ from keystore_audit.engine.alloy.solvers import run
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.matching.key_expressions import EVERYTHING, VERBATIM, includes, intersects
 from keystore_audit.profiles import Release
-from keystore_audit.zenoh.access_control import Flow, Kind
+from keystore_audit.zenoh.access_control import Flow, Kind, Rule
 from keystore_audit.zenoh.configuration import SECURED, Mode
-from keystore_audit.zenoh.flow import Walk
-from keystore_audit.zenoh.links import Tie
+from keystore_audit.zenoh.flow import walks
+from keystore_audit.zenoh.network import Process
 from keystore_audit.zenoh.participants import OUTSIDER, PUBLISH, SENT, NetworkFlows, Question, apart_from
 
 MODULES: Final = ("routing.als", "routed.als")
@@ -42,20 +42,44 @@ MOST_ATOMS: Final = 1_200
 MOST_CROSSINGS: Final = 60_000
 """Links by what is sent: 20,000 (10 peers who all attack, 11 classes) take 5 s, 31,000 (8 peers, 25 classes) 8 s."""
 
-_MODES: Final = {mode: mode.name for mode in Mode}
-_FLOWS: Final = {flow: flow.name for flow in Flow}
-_KINDS: Final = {
-    each: each.name for each in (Kind.PUT, Kind.DELETE, Kind.SUBSCRIBE, Kind.QUERY, Kind.REPLY, Kind.SERVE)
-}
+_KINDS: Final = (Kind.PUT, Kind.DELETE, Kind.SUBSCRIBE, Kind.QUERY, Kind.REPLY, Kind.SERVE)
 _DEEDS: Final = {"publish": "PUBLISHED", "request": "REQUESTED", "reply": "REPLIED"}
 _DELETED: Final = "DELETED"
 _CONSTANTS: Final = {
-    "Mode": _MODES.values(),
-    "Kind": _KINDS.values(),
-    "Flow": _FLOWS.values(),
-    "Deed": (*_DEEDS.values(), _DELETED),
-    "Way": ("AWAY", "BACK"),
+    "Mode": [each.name for each in Mode],
+    "Kind": [each.name for each in _KINDS],
+    "Flow": [each.name for each in Flow],
+    "Deed": [*_DEEDS.values(), _DELETED],
 }
+_RELATIONS: Final = {
+    "Participant": {"session": "Process"},
+    "Process": {"mode": "Mode", "subject": "Subject"},
+    "Subject": {"rule": "Rule", "common_name": "Name", "protocol": "Protocol"},
+    "Rule": {"message": "Kind", "flow": "Flow", "expression": "Expression"},
+    "Link": {"near": "Process", "far": "Process", "sees": "View", "seen": "View"},
+    "Reach": {"holder": "Participant", "at": "Process", "acts_as": "Mode", "known": "View"},
+    "View": {"known_name": "Name", "speaks": "Protocol"},
+    "Expression": {"includes": "Class", "meets": "Class", "within": "Class"},
+    "Sending": {"class": "Class", "deed": "Deed"},
+}
+"""By sort its relations, and to which sort."""
+_FLAGS: Final = {
+    "Participant": ("outsider", "unseen", "attacking", "listening", "source", "target", "through"),
+    "Process": ("brokering", "unrestricted", "default_allow"),
+    "Subject": ("unproven", "by_id"),
+    "Rule": ("allow_rule",),
+    "Link": ("plain",),
+    "View": ("uncontrolled", "chosen"),
+    "Expression": ("everything",),
+    "Class": ("verbatim",),
+    "Sending": ("wide", "heard", "middle", "first", "last"),
+}
+"""By sort its sets."""
+_HEADER: Final = """/**
+ * The processes of a network and their rules, and a question about them, written by keystore-audit. Do not edit.
+ */
+module network
+open routing"""
 
 
 def may_get_through(flows: NetworkFlows, asked: Question, release: Release, analyzer: Analyzer) -> bool:
@@ -84,44 +108,30 @@ check NothingGetsThrough for 0
     return run([Job(files=files, main=MAIN, commands=COMMANDS, atoms=atoms)], analyzer, read)[0]
 
 
-_HEADER: Final = """/**
- * The processes of a network and their rules, and a question about them, written by keystore-audit. Do not edit.
- */
-module network
-open routing"""
-
-
 class _Sending(NamedTuple):
     """What is sent in which part of a flow, of which class, and whether the sender and the receiver attack."""
 
     part: str
-    class_: tuple[str, tuple[str, ...], str]
+    said: tuple[str, tuple[str, ...], str]
     deed: str
     wide: bool
     heard: bool
 
 
+_Said = dict[Any, tuple[str, Mapping[str, Any]]]
+"""By atom what it is called in comments; by name of a relation what it has, by name of a set whether it is in it."""
+
+
 class Facts:
-    """The atoms of each sort, by what they stand for, and what is written of them."""
+    """What is written of each sort, by what its atoms stand for."""
 
     def __init__(self, flows: NetworkFlows, asked: Question, release: Release) -> None:
-        walk = Walk(flows, asked, release, certain=False)
-        network, links = flows.network, flows.rights.links
-        self._asked, self._release, self._walk = asked, release, walk
-        self._processes = network.started
-        self._participants = flows.participants
-        self._links = [*dict.fromkeys(tie for each in network.started for tie in links.of(each) if tie.sure.may)]
-        attackers = [each for each in flows.participants if each in walk.attacking or each in walk.listening]
+        self._flows, self._asked, self._release = flows, asked, release
+        self._walk = walk = walks(flows, asked, release, certain=False)
+        self._links = [*dict.fromkeys(t for p in flows.network.started for t in flows.rights.links.of(p) if t.sure.may)]
+        attackers = [each for each in flows.participants if each in {*walk.attacking, *walk.listening}]
         reaches = ((each, tie) for each in attackers for tie in flows.attacks(each) if tie.sure.may)
         self._reaches = [*dict.fromkeys(reaches)]
-        self._views = [*dict.fromkeys(v for tie in self._ties() for v in (tie.seen, tie.sees))]
-        self._subjects = [
-            (process, subject, rules)
-            for process in network.started
-            for subject, (_line, rules) in (process.says.access.subjects if process.says.access else {}).items()
-        ]
-        self._rules = [*dict.fromkeys(rule for _process, _subject, rules in self._subjects for rule in rules)]
-        self._expressions = [*dict.fromkeys(text for rule in self._rules for text, _line in rule.keys)]
         self._sendings = [
             _Sending(part, (does, topics, text), deed, wide, heard)
             for part, topics in (("middle", ()), ("first", asked.source.topics), ("last", asked.target.topics))
@@ -131,133 +141,190 @@ class Facts:
             for wide, heard in product((False, True), repeat=2)
             if (wide or deed != _DELETED) and (walk.attacking or not wide)
         ]
-        self._classes = [*dict.fromkeys(each.class_ for each in self._sendings)]
-        self._relations = Relations()
-        self._sorts: dict[str, Sort] = {
-            sig: Sort(sig=sig, atoms=tuple(Atom(name=each, label="", place="") for each in names))
-            for sig, names in _CONSTANTS.items()
-        }
 
     @property
     def crossings(self) -> int:
         """How many questions there are whether something crosses a link."""
         return len(self._sendings) * (len(self._links) + len(self._reaches))
 
-    def _ties(self) -> Iterable[Tie]:
-        return (*self._links, *(tie for _who, tie in self._reaches))
-
     def text(self) -> tuple[str, int]:
         """The module `network`, and how many atoms it has. What users wrote stands in comments only."""
-        names = {each.name for _process, each, _rules in self._subjects} | {view.name for view in self._views}
-        protocols = {each.protocol for _process, each, _rules in self._subjects} | {v.protocol for v in self._views}
-        labels: dict[str, Sequence[tuple[object, str]]] = {
-            "Process": [(each, each.path) for each in self._processes],
-            "Participant": [(each, each.label) for each in self._participants],
-            "Link": [(each, f"{each.near.path if each.near else ''} to {each.far.path}") for each in self._links],
-            "Reach": [(each, f"{each[0].label} to {each[1].far.path}") for each in self._reaches],
-            "View": [(each, f"{each.name} by {each.protocol}") for each in self._views],
-            "Subject": [(each, each[0].path) for each in self._subjects],
-            "Rule": [(each, each.name) for each in self._rules],
-            "Expression": [(each, each) for each in self._expressions],
-            "Class": [(each, each[2]) for each in self._classes],
-            "Sending": [(each, f"{each.deed} {each.class_[2]}") for each in self._sendings],
-            "Name": [(each, each) for each in sorted(filter(None, names))],
-            "Protocol": [(each, each) for each in sorted(filter(None, protocols))],
-        }
-        sections = [_HEADER]
-        for sig, entries in labels.items():
-            atoms = tuple(Atom(name=f"{sig}{n}", label=said, place="") for n, (_each, said) in enumerate(entries))
-            self._sorts[sig] = Sort(sig=sig, atoms=atoms)
-            sections.append(declare(self._sorts[sig]))
-        self._places = {sig: {each: n for n, (each, _said) in enumerate(entries)} for sig, entries in labels.items()}
-        for sig, known in _CONSTANTS.items():
-            self._places[sig] = {each: n for n, each in enumerate(known)}
-        functions = [*self._of_processes(), *self._of_links(), *self._of_classes(), *self._of_the_question()]
-        sections += [*self._relations.take_private(), *functions]
-        return "\n\n".join(filter(None, sections)) + "\n", sum(map(len, labels.values()))
-
-    def _map(self, name: str, left: str, right: str, rows: Iterable[Iterable[object]]) -> str:
-        """A relation: by atom of `left`, in their order, what of `right`."""
-        places = [[self._places[right][each] for each in row] for row in rows]
-        found = self._relations.rows(self._sorts[left], self._sorts[right], places)
-        return self._relations.relation(name, f"{left} -> {right}", found)
-
-    def _set(self, name: str, sig: str, flags: Iterable[object]) -> str:
-        """The atoms of which something is so."""
-        return self._relations.subset(name, self._sorts[sig], (number for number, flag in enumerate(flags) if flag))
-
-    def _of_processes(self) -> Iterator[str]:
-        says = [each.says for each in self._processes]
-        asked = {*self._release.asked}
-        doubtful = [each.undecided or any(asked & {*refusal.releases} for refusal in each.refusals) for each in says]
-        yield self._map("mode", "Process", "Mode", ([each.mode.name] for each in says))
-        yield self._set("brokering", "Process", (each.brokering for each in says))
-        yield self._set(
-            "unrestricted", "Process", (d or each.access is None for d, each in zip(doubtful, says, strict=True))
+        told = dict(self._told())
+        names, protocols = (
+            sorted({each for sig, name in where for _l, said in told[sig].values() for each in said[name]})
+            for where in (
+                (("Subject", "common_name"), ("View", "known_name")),
+                (("Subject", "protocol"), ("View", "speaks")),
+            )
         )
-        yield self._set("default_allow", "Process", (each.access is not None and each.access.allows for each in says))
-        subjects = [subject for _process, subject, _rules in self._subjects]
-        own = ([each for each in self._subjects if each[0] is process] for process in self._processes)
-        yield self._map("subject", "Process", "Subject", own)
-        yield self._map("rule", "Subject", "Rule", (rules for _process, _subject, rules in self._subjects))
-        yield self._map("common_name", "Subject", "Name", (filter(None, [each.name]) for each in subjects))
-        yield self._map("protocol", "Subject", "Protocol", (filter(None, [each.protocol]) for each in subjects))
-        yield self._set("unproven", "Subject", (each.interface or each.user for each in subjects))
-        yield self._set("by_id", "Subject", (each.zid for each in subjects))
-        yield self._set("allow_rule", "Rule", (each.allow for each in self._rules))
-        kinds = ([name for kind, name in _KINDS.items() if kind.value in rule.kinds] for rule in self._rules)
-        yield self._map("message", "Rule", "Kind", kinds)
-        ways = ([name for flow, name in _FLOWS.items() if flow.value in rule.flows] for rule in self._rules)
-        yield self._map("flow", "Rule", "Flow", ways)
-        yield self._map("expression", "Rule", "Expression", ({text for text, _l in rule.keys} for rule in self._rules))
-        yield function("judged_as_put", "set Kind", "DELETE" if self._release.deletes_as_puts else "none")
+        told |= {"Name": {each: (each, {}) for each in names}, "Protocol": {each: (each, {}) for each in protocols}}
+        sorts = {
+            sig: Sort(
+                sig=sig, atoms=tuple(_atom(f"{sig}{n}", label) for n, (label, _said) in enumerate(known.values()))
+            )
+            for sig, known in told.items()
+        }
+        everything = sorts | {
+            sig: Sort(sig=sig, atoms=tuple(_atom(n, "") for n in _CONSTANTS[sig])) for sig in _CONSTANTS
+        }
+        places = {sig: {each: n for n, each in enumerate(known)} for sig, known in (told | _CONSTANTS).items()}
+        write, functions = Relations(), []
+        for sig, known in told.items():
+            for name, to in _RELATIONS.get(sig, {}).items():
+                rows = [[places[to][each] for each in said[name]] for _l, said in known.values()]
+                rows_of = write.rows(sorts[sig], everything[to], rows)
+                functions.append(write.relation(name, f"{sig} -> {to}", rows_of))
+            for name in _FLAGS.get(sig, ()):
+                those = (number for number, (_label, said) in enumerate(known.values()) if said[name])
+                functions.append(write.subset(name, sorts[sig], those))
+        functions.append(function("judged_as_put", "set Kind", "DELETE" if self._release.deletes_as_puts else "none"))
+        sections = [_HEADER, *map(declare, sorts.values()), *write.take_private(), *functions]
+        return "\n\n".join(filter(None, sections)) + "\n", sum(map(len, told.values()))
 
-    def _of_links(self) -> Iterator[str]:
-        yield self._map("near", "Link", "Process", ([tie.near] for tie in self._links))
-        yield self._map("far", "Link", "Process", ([tie.far] for tie in self._links))
-        yield self._map("sees", "Link", "View", ([tie.sees] for tie in self._links))
-        yield self._map("seen", "Link", "View", ([tie.seen] for tie in self._links))
-        yield self._set("plain", "Link", (tie.seen.protocol not in SECURED for tie in self._links))
-        yield self._map("holder", "Reach", "Participant", ([who] for who, _tie in self._reaches))
-        yield self._map("at", "Reach", "Process", ([tie.far] for _who, tie in self._reaches))
-        yield self._map("acts_as", "Reach", "Mode", ([tie.mode.name] for _who, tie in self._reaches))
-        yield self._map("known", "Reach", "View", ([tie.seen] for _who, tie in self._reaches))
-        yield self._map("known_name", "View", "Name", (filter(None, [each.name]) for each in self._views))
-        yield self._map("speaks", "View", "Protocol", ([each.protocol] for each in self._views))
-        yield self._set("uncontrolled", "View", (each.free for each in self._views))
-        yield self._set("chosen", "View", (each.chosen for each in self._views))
+    def _told(self) -> Iterator[tuple[str, _Said]]:
+        """By sort its atoms, each with its label and what is said of it."""
+        asked, walk, processes = self._asked, self._walk, self._flows.network.started
+        yield (
+            "Participant",
+            {
+                each: (
+                    each.label,
+                    {
+                        "session": each.sessions,
+                        "outsider": each is OUTSIDER,
+                        "unseen": each.unseen,
+                        "attacking": each in walk.attacking,
+                        "listening": each in walk.listening,
+                        "source": each in asked.source.participants,
+                        "target": each in asked.target.participants,
+                        "through": each in asked.through,
+                    },
+                )
+                for each in self._flows.participants
+            },
+        )
+        subjects: _Said = {
+            (process, subject): (
+                process.path,
+                {
+                    "rule": rules,
+                    "common_name": [subject.name] if subject.name is not None else [],
+                    "protocol": [subject.protocol] if subject.protocol is not None else [],
+                    "unproven": subject.interface is not None or subject.user is not None,
+                    "by_id": subject.zid is not None,
+                },
+            )
+            for process in processes
+            for subject, (_line, rules) in (process.says.access.subjects if process.says.access else {}).items()
+        }
+        yield "Process", {each: (each.path, self._of_process(each, subjects)) for each in processes}
+        yield "Subject", subjects
+        rules = dict.fromkeys(rule for _label, said in subjects.values() for rule in said["rule"])
+        yield "Rule", {each: (each.name, _of_rule(each)) for each in rules}
+        yield from self._told_of_links()
+        yield from self._told_of_classes({text: None for rule in rules for text, _line in rule.keys})
 
-    def _of_classes(self) -> Iterator[str]:
-        texts = [text for _does, _topics, text in self._classes]
-        apart = [apart_from(does, topics, ambient=self._asked.ambient) for does, topics, _text in self._classes]
+    def _of_process(self, process: Process, subjects: Iterable[tuple[Process, object]]) -> Mapping[str, Any]:
+        says, asked = process.says, {*self._release.asked}
+        doubtful = says.undecided or any(asked & {*each.releases} for each in says.refusals)
+        return {
+            "mode": [says.mode.name],
+            "subject": [each for each in subjects if each[0] is process],
+            "brokering": says.brokering,
+            "unrestricted": doubtful or says.access is None,
+            "default_allow": says.access is not None and says.access.allows,
+        }
 
-        def rows(holds: Callable[[str, str, Sequence[str]], bool]) -> Iterable[Iterable[object]]:
-            known = [*zip(self._classes, texts, apart, strict=True)]
-            return ([each for each, text, besides in known if holds(said, text, besides)] for said in self._expressions)
+    def _told_of_links(self) -> Iterator[tuple[str, _Said]]:
+        links: _Said = {
+            tie: (
+                f"{tie.near.path if tie.near else ''} to {tie.far.path}",
+                {
+                    "near": [tie.near],
+                    "far": [tie.far],
+                    "sees": [tie.sees],
+                    "seen": [tie.seen],
+                    "plain": tie.seen.protocol not in SECURED,
+                },
+            )
+            for tie in self._links
+        }
+        yield "Link", links
+        yield (
+            "Reach",
+            {
+                (who, tie): (
+                    f"{who.label} to {tie.far.path}",
+                    {"holder": [who], "at": [tie.far], "acts_as": [tie.mode.name], "known": [tie.seen]},
+                )
+                for who, tie in self._reaches
+            },
+        )
+        views = dict.fromkeys(
+            v for tie in (*self._links, *(t for _w, t in self._reaches)) for v in (tie.seen, tie.sees)
+        )
+        yield (
+            "View",
+            {
+                each: (
+                    f"{each.name} by {each.protocol}",
+                    {
+                        "known_name": [each.name] if each.name is not None else [],
+                        "speaks": [each.protocol],
+                        "uncontrolled": each.free,
+                        "chosen": each.chosen,
+                    },
+                )
+                for each in views
+            },
+        )
 
-        yield self._map("includes", "Expression", "Class", rows(lambda said, text, _besides: includes(said, text)))
-        yield self._map("meets", "Expression", "Class", rows(lambda said, text, _besides: intersects(said, text)))
-        within = rows(lambda said, text, besides: any(includes(each, said) for each in (text, *besides)))
-        yield self._map("within", "Expression", "Class", within)
-        yield self._set("everything", "Expression", (includes(each, EVERYTHING) for each in self._expressions))
-        yield self._set("verbatim", "Class", (VERBATIM in each for each in texts))
-        yield self._map("class", "Sending", "Class", ([each.class_] for each in self._sendings))
-        yield self._map("deed", "Sending", "Deed", ([each.deed] for each in self._sendings))
-        yield self._set("wide", "Sending", (each.wide for each in self._sendings))
-        yield self._set("heard", "Sending", (each.heard for each in self._sendings))
-        for part in ("middle", "first", "last"):
-            yield self._set(part, "Sending", (each.part == part for each in self._sendings))
+    def _told_of_classes(self, expressions: Iterable[str]) -> Iterator[tuple[str, _Said]]:
+        classes = {
+            each.said: apart_from(each.said[0], each.said[1], ambient=self._asked.ambient) for each in self._sendings
+        }
+        yield "Class", {each: (each[2], {"verbatim": VERBATIM in each[2]}) for each in classes}
+        yield (
+            "Expression",
+            {
+                said: (
+                    said,
+                    {
+                        "includes": [each for each in classes if includes(said, each[2])],
+                        "meets": [each for each in classes if intersects(said, each[2])],
+                        "within": [c for c, apart in classes.items() if any(includes(o, said) for o in (c[2], *apart))],
+                        "everything": includes(said, EVERYTHING),
+                    },
+                )
+                for said in expressions
+            },
+        )
+        yield (
+            "Sending",
+            {
+                each: (
+                    f"{each.deed} {each.said[2]}",
+                    {
+                        "class": [each.said],
+                        "deed": [each.deed],
+                        "wide": each.wide,
+                        "heard": each.heard,
+                        **{part: each.part == part for part in ("middle", "first", "last")},
+                    },
+                )
+                for each in self._sendings
+            },
+        )
 
-    def _of_the_question(self) -> Iterator[str]:
-        everybody, asked = self._participants, self._asked
-        yield self._map("session", "Participant", "Process", (each.sessions for each in everybody))
-        for name, members in (
-            ("outsider", (OUTSIDER,)),
-            ("unseen", tuple(each for each in everybody if each.unseen)),
-            ("attacking", self._walk.attacking),
-            ("listening", self._walk.listening),
-            ("source", asked.source.participants),
-            ("target", asked.target.participants),
-            ("through", asked.through),
-        ):
-            yield self._set(name, "Participant", (each in members for each in everybody))
+
+def _of_rule(rule: Rule) -> Mapping[str, Any]:
+    return {
+        "message": [each.name for each in _KINDS if each.value in rule.kinds],
+        "flow": [each.name for each in Flow if each.value in rule.flows],
+        "expression": dict.fromkeys(text for text, _line in rule.keys),
+        "allow_rule": rule.allow,
+    }
+
+
+def _atom(name: str, label: str) -> Atom:
+    return Atom(name=name, label=label, place="")
