@@ -139,7 +139,7 @@ class Key(Struct, frozen=True):
             sure = includes(rule, self.text)
         if sure or self.meant is Meant.ONE or not intersects(rule, self.text):
             return Truth.YES if sure else Truth.NO
-        left_out = allow and self.apart is not None and any(includes(each, rule) for each in (self.text, *self.apart))
+        left_out = self.apart is not None and any(includes(each, rule) for each in (self.text, *self.apart))
         return Truth.NO if left_out else Truth.UNKNOWN
 
 

@@ -195,6 +195,62 @@ def test_services_carry_data_both_ways(
     assert flow(keystore_audit, keys, folder, "/talker", "/listener", "--attacker", "honest")[0] == {"honest": False}
 
 
+@pytest.mark.parametrize("replies", [True, False])
+def test_a_reply_may_have_a_key_of_its_own(replies: bool, keystore_audit: Run, keys: Path, network: Network) -> None:
+    """Measured: what replies may be about is no matter of the query's key. Without a rule about replies none passes."""
+    more = [allow("0/b/*/*", "reply")] if replies else []
+    answers = [allow("0/a/*/*", "query", flows=["ingress"]), allow("0/a/*/*", "declare_queryable"), *more]
+    asks = access(({}, [allow("0/a/*/*", "query", "declare_queryable"), *more]))
+    folder = network(**peers(talker=access(({}, answers)), listener=asks))
+    found, _document = flow(keystore_audit, keys, folder, "/talker", "/listener", "--attacker", "honest")
+    assert found == {"honest": None if replies else False}
+
+
+@pytest.mark.parametrize(("kind", "expected"), [("delete", True), ("declare_queryable", False)])
+def test_whoever_attacks_deletes(kind: str, expected: bool, keystore_audit: Run, keys: Path, network: Network) -> None:
+    rules = [allow(CHATTER, kind, flows=["ingress"]), allow(CHATTER, "declare_subscriber", flows=["egress"])]
+    folder = network(**peers(talker=access(*gives(CHATTER)), listener=access(({}, rules))))
+    found, _document = flow(keystore_audit, keys, folder, "/random", "/listener")
+    assert (found["honest"], found["source"]) == (False, expected)
+
+
+@pytest.mark.parametrize(("also", "expected"), [("0/none/*/*", False), (CHATTER, True)])
+def test_what_an_enclave_tells_itself_is_no_flow(
+    also: str, expected: bool, keystore_audit: Run, keys: Path, network: Network
+) -> None:
+    """/random's own file takes the topic from anybody; without that file it sends there."""
+    folder = network(**peers(random=access(*takes(CHATTER)), talker=NOTHING, listener=access(*takes(also, "/random"))))
+    found, _document = flow(keystore_audit, keys, folder, "/random", "topic:/chatter", "--attacker", "source")
+    assert found == {"source": expected}
+
+
+def test_one_of_two_subjects_is_asked_by_chance(keystore_audit: Run, keys: Path, network: Network) -> None:
+    """Before 1.6."""
+    two = access(({"link_protocols": ["tls"]}, [deny(CHATTER, "put")]), ({}, takes(CHATTER)[0][1]))
+    folder = network(**peers(talker=access(*gives(CHATTER)), listener=two))
+    asked = ("/random", "/listener", "--attacker", "source")
+    assert flow(keystore_audit, keys, folder, *asked, "--profile", "zenoh-1.6")[0] == {"source": True}
+    assert flow(keystore_audit, keys, folder, *asked, "--profile", "zenoh-1.4")[0] == {"source": None}
+
+
+@pytest.mark.parametrize(
+    ("section", "to", "expected"),
+    [
+        ({}, "/listener", True),
+        (access(({}, [deny("**")]), default="allow"), "/listener", None),  # `**` is about no key with a chunk `@adv`
+        (access(({}, [allow("0/**")])), "topic:/chatter", True),
+        (access(({}, [allow("0/**")])), "topic:/arm/*", True),
+        (access(({}, [allow("0/chatter/*/*")])), "topic:/arm/*", False),
+    ],
+)
+def test_keys_that_no_rule_writes(
+    section: Configuration, to: str, expected: bool | None, keystore_audit: Run, keys: Path, network: Network
+) -> None:
+    folder = network(**peers(**dict.fromkeys(("talker", "listener", "random"), section)))
+    found, _document = flow(keystore_audit, keys, folder, "/talker", to, "--attacker", "honest")
+    assert found == {"honest": expected}
+
+
 def test_an_enclave_without_a_file_is_unknown_on_the_way(keystore_audit: Run, keys: Path, network: Network) -> None:
     """/random may start with anything: it is kept out only where others do not let it in."""
     files = peers(talker=access(*gives(CHATTER)), listener=access(*takes(CHATTER, "/random")))

@@ -360,3 +360,21 @@ def test_what_cannot_be_told_of_it_stays_open(tmp_path: Path) -> None:
     (network / "more.yaml").write_text("mode: peer", "utf-8")
     ((message, _severity, _places),) = asserted(tmp_path, keys, network, NO_FLOW.format("/listener", "honest"))
     assert message == f"Whether 'asserted' holds by the files in {network} cannot be told."
+
+
+@pytest.mark.parametrize(("who", "expected"), [("/talker", 0), ("/listener", 1)])
+def test_whoever_passes_on_alone_is_not_asked_whether_it_publishes(who: str, expected: int, tmp_path: Path) -> None:
+    """All clients of a router trust it."""
+    keys, folder = sros2(tmp_path / "keys", ("/talker", "/listener", "/router")), tmp_path / "network"
+    takes = [allow("0/chatter/*/*", "put", flows=["ingress"]), allow("0/chatter/*/*", "declare_subscriber")]
+    gives = [allow("0/chatter/*/*", "put", flows=["egress"]), allow("0/chatter/*/*", "declare_subscriber")]
+    rules = access(({"cert_common_names": ["/talker"]}, takes), ({"cert_common_names": ["/listener"]}, gives))
+    own = access(({"cert_common_names": ["/router"]}, [allow("0/**", "put", "declare_subscriber")]))
+    folder.mkdir()
+    for name, each in {
+        "router": session("router", listen=[END], **rules),
+        **{name: session("client", connect=[END], **own) for name in ("talker", "listener")},
+    }.items():
+        (folder / f"{name}.json5").write_text(written({**tls(keys, name), **each}), "utf-8")
+    found = asserted(tmp_path, keys, folder, f'only_publish = {{ topic = "/chatter", enclaves = "{who}" }}')
+    assert len(found) == expected

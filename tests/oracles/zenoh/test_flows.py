@@ -151,3 +151,9 @@ def test_two_hops_on_real_sessions(relay: str, second: str, tmp_path: Path) -> N
     truth, hops = found(asked, claim, NEWEST)
     assert truth is (Truth.YES if second == "yes" else Truth.NO)
     assert [hop.receiver.label for hop in hops] == (["/talker", "/listener"] if second == "yes" else [])
+
+
+def test_a_wider_message_with_a_verbatim_chunk_evades_every_rule() -> None:
+    """Even that about `**`, which has no such chunk (measured: the admin space is read beside it)."""
+    for key, expected in (("0/chatter/*/*", True), ("0/chatter/*/*/@adv/**", False)):
+        assert Key(key, Meant.ANY).has("**", allow=False).must is expected
