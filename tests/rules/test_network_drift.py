@@ -332,7 +332,8 @@ VIOLATED = "By its files 'asserted' is violated. Asserted: "
 @pytest.mark.parametrize(
     ("rule", "who", "form", "begins"),
     [
-        ("0/chatter/*/*", "/talker", NO_FLOW.format("/listener", "honest"), None),  # its file takes no subscription
+        ("0/chatter/*/*", "/talker", NO_FLOW.format("/listener", "honest"), VIOLATED),
+        ("0/chatter/*/*", "/random", NO_FLOW.format("/listener", "honest"), None),
         ("0/other/*/*", "/talker", NO_FLOW.format("/listener", "source"), VIOLATED),
         ("0/chatter/*/*", "/nobody", NO_FLOW.format("/listener", "source"), None),
         ("0/chatter/*/*", "/nobody", NO_FLOW.format("topic:/chatter", "source"), None),
@@ -356,7 +357,7 @@ def test_what_settings_assert(rule: str, who: str, form: str, begins: str | None
 
 def test_what_cannot_be_told_of_it_stays_open(tmp_path: Path) -> None:
     keys = keystore(tmp_path, "rt/*", listener="rt/chatter|rt/*")
-    network = files(tmp_path, keys)
+    network = files(tmp_path, keys, who="/random")
     (network / "more.yaml").write_text("mode: peer", "utf-8")
     ((message, _severity, _places),) = asserted(tmp_path, keys, network, NO_FLOW.format("/listener", "honest"))
     assert message == f"Whether 'asserted' holds by the files in {network} cannot be told."
