@@ -158,10 +158,11 @@ def routed(
     )
 
 
-def routed_table(
-    path: str | os.PathLike[str], folder: Path, given: Circumstances, releases: Sequence[Release]
-) -> RoutedTable:
-    """What every enclave may do with every topic and service that permissions and the files name.
+def routed_tables(
+    sides: Sequence[tuple[str | os.PathLike[str], Path]], given: Circumstances, releases: Sequence[Release]
+) -> tuple[RoutedTable, ...]:
+    """What every enclave of each keystore may do by the files of its folder, with every topic and service that
+    permissions and files of any of them name.
 
     Raises errors.NothingToAudit where there is no keystore or no such file, errors.BudgetExceeded for too many rights.
     """
@@ -169,18 +170,21 @@ def routed_table(
     from keystore_audit.zenoh.names import MAX_RIGHTS, written_names
     from keystore_audit.zenoh.network import read_network
 
-    keystore, domain = given.keystore(path), given.domain or 0
-    network = read_network(folder, keystore, given.at)
-    documents = [each.permissions for each in keystore.enclaves if each.permissions is not None]
-    named, rights = written_names(documents, network, domain), Rights(network)
-    if len(named.rights) * len(keystore.enclaves) > MAX_RIGHTS:
+    keystores, domain = [given.keystore(path) for path, _folder in sides], given.domain or 0
+    networks = [
+        read_network(folder, keystore, given.at) for (_p, folder), keystore in zip(sides, keystores, strict=True)
+    ]
+    named = []
+    for keystore, network in zip(keystores, networks, strict=True):
+        documents = [each.permissions for each in keystore.enclaves if each.permissions is not None]
+        named.append(written_names(documents, network, domain))
+    asked = dict.fromkeys(right for each in named for right in each.rights)
+    if any(len(asked) * len(keystore.enclaves) > MAX_RIGHTS for keystore in keystores):
         raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named: ask with `can`.")
-    return RoutedTable(
-        domain=domain,
-        at=given.at,
-        folder=os.fspath(folder),
-        releases=tuple(each.name for each in releases),
-        rights=tuple(
+    tables = []
+    for keystore, network, names in zip(keystores, networks, named, strict=True):
+        rights = Rights(network)
+        found = tuple(
             RoutedRight(
                 enclave=enclave.path,
                 operation=operation,
@@ -188,11 +192,20 @@ def routed_table(
                 answers={each.name: rights.answer(enclave, operation, name, domain, each) for each in releases},
             )
             for enclave in keystore.enclaves
-            for operation, name in named.rights
-        ),
-        patterns=named.patterns,
-        doubts=rights.doubts,
-    )
+            for operation, name in asked
+        )
+        tables.append(
+            RoutedTable(
+                domain=domain,
+                at=given.at,
+                folder=network.path,
+                releases=tuple(each.name for each in releases),
+                rights=found,
+                patterns=names.patterns,
+                doubts=rights.doubts,
+            )
+        )
+    return tuple(tables)
 
 
 def read_access_table(path: str | os.PathLike[str], given: Circumstances) -> AccessTable:

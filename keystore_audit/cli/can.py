@@ -296,13 +296,13 @@ def access_command(keystore: str, **given: Any) -> int:
 
 def _network_table(keystore: str, given: dict[str, Any]) -> int:
     """What the files of the middleware that routes let enclaves do, by which permissions do not count."""
-    from keystore_audit.access import routed_table
+    from keystore_audit.access import routed_tables
     from keystore_audit.profiles import releases
     from keystore_audit.report import routed_access
 
     opt.refuse(("not_assumed", "time_zone"), "files of sessions and routers")
     reading = opt.reading(given, opt.named_settings(given, keystore))
-    table = routed_table(keystore, given["network"], reading, releases(given["profiles"]))
+    (table,) = routed_tables([(keystore, given["network"])], reading, releases(given["profiles"]))
     render = {"text": routed_access.text, "json": routed_access.json, "csv": routed_access.csv}[given["form"]]
     output.write_stdout(render(table))
     return EXIT_INCOMPLETE if table.has_unknown else 0

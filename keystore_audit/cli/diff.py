@@ -11,6 +11,7 @@ from keystore_audit.cli import options as opt
 from keystore_audit.cli import output, types
 from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE
+from keystore_audit.profiles import facts
 
 if TYPE_CHECKING:
     from keystore_audit.diff import Intended
@@ -44,6 +45,14 @@ FAIL_ON: Final = ("gained", "any", "none")
 )
 @opt.choice("--engine", words=ENGINES, default="native", help="Who decides about --rolling.")
 @opt.alloy_options
+@opt.file(
+    facts.NETWORK_OPTION,
+    "network",
+    nargs=2,
+    metavar="OLD_DIR NEW_DIR",
+    is_eager=True,  # before the scope, which may be of that middleware alone
+    help="Compare what the files of sessions and routers in these folders let enclaves do, instead.",
+)
 @opt.observation_options
 @opt.interpretation_options
 @opt.no_assume_option
@@ -70,6 +79,8 @@ def command(old: str, new: str, **given: Any) -> int:
       4   something is unknown
     """  # noqa: D301 - click's mark for lines that stay as they are
     read = opt.named_settings(given, old, new)
+    if given["network"]:
+        return _networks(old, new, read, given)
     if given["rolling"]:
         return _rolling(old, new, read, given)
     opt.refuse(("engine", "alloy_jar"), "a comparison of both keystores alone")
@@ -88,6 +99,29 @@ def command(old: str, new: str, **given: Any) -> int:
     if comparison.unknown:
         return EXIT_INCOMPLETE
     return EXIT_CHANGED if comparison.failing(fail_on) else 0
+
+
+def _networks(old: str, new: str, settings: Settings | None, given: Mapping[str, Any]) -> int:
+    """What the files of sessions and routers let enclaves do, and the exit code."""
+    beside = ("labels", "policy", "rolling", "graphs", "launches", "launch_arguments", "time_zone", "not_assumed")
+    opt.refuse((*beside, "engine", "alloy_jar"), "files of sessions and routers")
+    if given["form"] == "markdown":
+        raise click.UsageError("What changed in files of sessions and routers is told as text or json.")
+    from keystore_audit.access import routed_tables
+    from keystore_audit.profiles import releases
+    from keystore_audit.report import routed_access
+    from keystore_audit.zenoh.answers import changes
+
+    reading = opt.reading(given, settings, uniform="diff")
+    sides = [*zip((old, new), given["network"], strict=True)]
+    before, after = routed_tables(sides, reading, releases(given["profiles"]))
+    found = changes(before, after)
+    render = routed_access.changes_json if given["form"] == "json" else routed_access.changes_text
+    output.write_stdout(render(before, after, found))
+    if before.has_unknown or after.has_unknown:
+        return EXIT_INCOMPLETE
+    failing = [each for each in found if given["fail_on"] == "any" or each.gained.may]
+    return EXIT_CHANGED if failing and given["fail_on"] != "none" else 0
 
 
 def _rolling(old: str, new: str, settings: Settings | None, given: Mapping[str, Any]) -> int:

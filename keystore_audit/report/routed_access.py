@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 from keystore_audit.model.question import WORDS
@@ -11,8 +12,9 @@ from keystore_audit.report.page import by_answer, profiles, wrapped
 from keystore_audit.report.routed_answer import ASSUMED, doubted, unknown
 from keystore_audit.text import instant, some, terminal
 from keystore_audit.truth import Truth
-from keystore_audit.zenoh.answers import RoutedRight, RoutedTable
+from keystore_audit.zenoh.answers import RoutedChange, RoutedRight, RoutedTable
 
+CHANGED = ("", "enclave", "right", "before", "after")
 HEADER = ("enclave", "operation", "name", "by own file", "by others' files")
 MAX_TOLD = 3
 MAX_PATTERNS = 5
@@ -55,6 +57,59 @@ def text(table: RoutedTable) -> str:
     if table.patterns:
         lines += ["", wrapped(f"Patterns, not compared as such: {some(table.patterns, MAX_PATTERNS)}.", "  ", "  ")]
     return "\n".join([*lines, *doubted(table.doubts)]) + "\n"
+
+
+def changes_text(old: RoutedTable, new: RoutedTable, found: Sequence[RoutedChange]) -> str:
+    """What is gained first; of each right what becomes of it with the own file / without it, before and after."""
+    counts = Counter(each.gained for each in found)
+    told = f"{counts[Truth.YES]} rights are gained, {counts[Truth.NO]} lost or otherwise changed"
+    if counts[Truth.UNKNOWN]:
+        told += f"; of {counts[Truth.UNKNOWN]} it cannot be told"
+    lines = [wrapped(f"{told}: {old.folder} → {new.folder}."), terminal(f"  domain {new.domain}, at {instant(new.at)}")]
+    lines.append(wrapped(ASSUMED.format("its folder"), "  ", "  "))
+    rows = {
+        release: tuple(
+            (_WORDS[each.gained], each.enclave, f"{each.operation} {each.name}", *_sides(each, release))
+            for each in found
+        )
+        for release in new.releases
+    }
+    for shown, names in by_answer(rows).items():
+        lines += ["", wrapped(profiles(names, new.releases)), *_aligned([CHANGED, *shown])] if shown else []
+    return "\n".join([*lines, *doubted((*old.doubts, *new.doubts))]) + "\n"
+
+
+_WORDS = {Truth.YES: "gained", Truth.NO: "lost", Truth.UNKNOWN: "unknown"}
+
+
+def _sides(change: RoutedChange, release: str) -> tuple[str, str]:
+    """Before and after."""
+    before, after = (
+        f"{answers[release].decided} / {answers[release].accepted}" if answers is not None else "no such enclave"
+        for answers in (change.before, change.after)
+    )
+    return before, after
+
+
+def changes_json(old: RoutedTable, new: RoutedTable, found: Sequence[RoutedChange]) -> str:
+    """One line."""
+    changed = [
+        {
+            **picked(each, "enclave", "operation", "name"),
+            "gained": {Truth.YES: True, Truth.NO: False}.get(each.gained),
+            **{
+                side: {
+                    name: {"decision": answer.decided, "effective": answer.accepted} for name, answer in answers.items()
+                }
+                if answers is not None
+                else None
+                for side, answers in (("before", each.before), ("after", each.after))
+            },
+        }
+        for each in found
+    ]
+    head = {"old": old.folder, "new": new.folder, "domain": new.domain, "at": instant(new.at)}
+    return encoded({**head, "changes": changed, "unknown": unknown((*old.doubts, *new.doubts))}) + "\n"
 
 
 def _said(table: RoutedTable) -> str:

@@ -137,6 +137,43 @@ class RoutedTable(Struct, frozen=True, kw_only=True):
         return bool(self.doubts) or any(Truth.UNKNOWN in (each.works.truth, each.could.truth) for each in answers)
 
 
+class RoutedChange(Struct, frozen=True, kw_only=True):
+    """What an enclave can do by others' files in the one network and not in the other, or with its own file.
+
+    `gained`: whether it can do more without its file, by some release; UNKNOWN where that cannot be told. `before` and
+    `after`: by release what becomes of it; None where there is no such enclave.
+    """
+
+    enclave: str
+    operation: str
+    name: str
+    gained: Truth
+    before: Mapping[str, RoutedAnswer] | None
+    after: Mapping[str, RoutedAnswer] | None
+
+
+def changes(old: RoutedTable, new: RoutedTable) -> tuple[RoutedChange, ...]:
+    """What differs between tables of the same rights, what is gained first."""
+    sides = [{(each.enclave, each.operation, each.name): each.answers for each in table.rights} for table in (old, new)]
+    found = []
+    for right in dict.fromkeys((*sides[0], *sides[1])):
+        before, after = (side.get(right) for side in sides)
+        if _said(before) == _said(after):
+            continue
+        had = {release: each.could.truth for release, each in (before or {}).items()}
+        more = ((each.could.truth, had.get(release, Truth.NO).negated) for release, each in (after or {}).items())
+        gained = any_of(map(all_of, more))
+        enclave, operation, name = right
+        found.append(
+            RoutedChange(enclave=enclave, operation=operation, name=name, gained=gained, before=before, after=after)
+        )
+    return tuple(sorted(found, key=lambda each: OBSTACLES.index(each.gained), reverse=True))
+
+
+def _said(answers: Mapping[str, RoutedAnswer] | None) -> Mapping[str, tuple[str, str]] | None:
+    return {name: (each.decided, each.accepted) for name, each in answers.items()} if answers is not None else None
+
+
 def _least(found: Iterable[Reached]) -> Reached:
     return min(found, key=lambda each: OBSTACLES.index(each.truth))
 

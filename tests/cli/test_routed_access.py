@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -127,3 +128,44 @@ def test_too_many_rights_are_not_asked(keystore_audit: Run, keys: Path, network:
     done = keystore_audit("access", keys, "--zenoh", folder, "--at", AT)
     assert done.returncode == 4
     assert b"More than 2000 rights" in done.stderr
+
+
+def differing(run: Run, keys: Path, old: Path, new: Path, *words: str, code: int) -> dict[tuple[str, str, str], Any]:
+    done = run("diff", keys, keys, "--zenoh", old, new, "--at", AT, "-f", "json", *words)
+    assert done.returncode == code, done.stderr
+    document = json.loads(done.stdout)
+    schema("diff_routed").validate(document)
+    return {(each["enclave"], each["operation"], each["name"]): each["gained"] for each in document["changes"]}
+
+
+def test_what_changes_between_two_networks(keystore_audit: Run, keys: Path, network: Network, tmp_path: Path) -> None:
+    """Once rules name who may send, nobody else gains by dropping his file; the way back is a gain."""
+    old = network(**files())
+    new = tmp_path / "new"
+    shutil.copytree(old, new)
+    by_name(keys, new)
+    lost = differing(keystore_audit, keys, old, new, code=0)
+    assert lost["/random", "publish", "/chatter"] is False
+    assert set(lost.values()) == {False}
+    gained = differing(keystore_audit, keys, new, old, code=1)
+    assert gained == dict.fromkeys(lost, True)
+    assert differing(keystore_audit, keys, new, old, "--fail-on", "none", code=0) == gained
+    assert differing(keystore_audit, keys, old, new, "--fail-on", "any", code=1) == lost
+    assert differing(keystore_audit, keys, old, old, code=0) == {}
+    doubtful = tmp_path / "doubtful"
+    shutil.copytree(new, doubtful)
+    (doubtful / "more.yaml").write_text("mode: peer", "utf-8")
+    assert differing(keystore_audit, keys, new, doubtful, code=4)["/random", "publish", "/chatter"] is None
+
+
+def test_changes_in_words(keystore_audit: Run, keys: Path, network: Network, tmp_path: Path) -> None:
+    old = network(**files())
+    shutil.copytree(old, tmp_path / "new")
+    by_name(keys, tmp_path / "new")
+    said = keystore_audit("diff", keys, keys, "--zenoh", tmp_path / "new", old, "--at", AT).stdout.decode()
+    assert " rights are gained, 0 lost or otherwise changed" in " ".join(said.split())
+    assert ["gained", "/random", "publish", "/chatter", "deny", "/", "deny", "deny", "/", "allow"] in [
+        line.split() for line in said.splitlines()
+    ]
+    done = keystore_audit("diff", keys, keys, "--zenoh", old, old, "--rolling", "--at", AT)
+    assert (done.returncode, b"--rolling says nothing about files of sessions and routers" in done.stderr) == (2, True)
