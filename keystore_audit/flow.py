@@ -170,7 +170,7 @@ def find_routed_flow(
         results=tuple((each.attacker, asserted(each, each.attacker.value, told)) for each, told in results),
         falls=(),
         engines=runs[-1:] if engines.choice == "native" else runs,
-        doubts=tuple(place for place, _why in flows.rights.doubts),
+        doubts=tuple(dict(flows.rights.doubts)),
         folder=os.fspath(folder),
         unclear=flows.rights.doubts,
     )

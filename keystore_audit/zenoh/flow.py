@@ -57,12 +57,11 @@ class Keys(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Sent(Struct, frozen=True, kw_only=True, eq=False):
-    """What is sent, of which classes (`which`, bits): what whoever sends asks for or puts out, what comes of it, and
-    what replies are about. `texts`: the classes.
+    """What is sent, of the classes `texts`: what whoever sends asks for or puts out, what comes of it, and what replies
+    are about.
     """
 
     texts: tuple[str, ...]
-    which: int
     first: Keys
     rest: Keys
     replied: Keys
@@ -153,7 +152,7 @@ class Walks:
 
         def crossing(tie: Tie) -> int:
             there = tie.sure.must if self._certain else tie.sure.may
-            found = sent.which if there else 0
+            found = (1 << len(sent.texts)) - 1 if there else 0
             for kind, away in passing:
                 keys = sent.replied if kind is Kind.REPLY else sent.first if away else sent.rest
                 for process, remote, flow in tie.judges(kind, away) if found else ():
@@ -188,24 +187,22 @@ class Walks:
         """What messages are about, as those choose who attack (`attack`: the sender, `heard`: the receiver)."""
         classes = self._flows.classes(does, topics, self._ambient)
         apart = apart_from(does, topics, ambient=self._ambient)
-        texts = tuple(classes)
         if not self._certain:
+            texts = tuple(classes)
             first, rest = (
                 Keys(every=tuple(Key(text, Meant.ANY if each else Meant.EACH, apart) for text in texts))
                 for each in (attack, heard)
             )
             free = Keys(every=(Key(EVERYTHING, Meant.FREE),) * len(texts))
-            return (Sent(texts=texts, which=(1 << len(texts)) - 1, first=first, rest=rest, replied=free),)
-        which = sum(1 << number for number, each in enumerate(classes.values()) if each is not None)
-        exact = [each or text for text, each in classes.items()]
+            return (Sent(texts=texts, first=first, rest=rest, replied=free),)
+        known = {text: each for text, each in classes.items() if each is not None}
+        texts = tuple(known)
         own, *wider = (
             Keys(every=tuple(Key(text, Meant.ONE) for text in each))
-            for each in (exact, texts, [EVERYTHING] * len(texts))
+            for each in (known.values(), texts, [EVERYTHING] * len(texts))
         )
         chosen = ((own, *wider) if each else (own,) for each in (attack, heard))
-        return tuple(
-            Sent(texts=texts, which=which, first=first, rest=rest, replied=rest) for first, rest in product(*chosen)
-        )
+        return tuple(Sent(texts=texts, first=first, rest=rest, replied=rest) for first, rest in product(*chosen))
 
     @cached_property
     def _heard(self) -> list[tuple[Participant, Tie]]:
