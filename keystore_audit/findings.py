@@ -109,9 +109,10 @@ def _sentence(step: Step) -> str:
     return step.text if step.act is None else _SAID[step.act]
 
 
-def _remedy(kind: FixKind, text: str, acts: tuple[Act, ...]) -> Remedy:
+def _remedy(kind: FixKind, text: str, more: tuple[Act | str, ...]) -> Remedy:
     said = (Step(text=text),) if text else ()
-    return Remedy(kind=kind, steps=(*said, *(Step(text=_SAID[act], act=act) for act in acts)))
+    steps = (Step(text=_SAID[each], act=each) if isinstance(each, Act) else Step(text=each) for each in more)
+    return Remedy(kind=kind, steps=(*said, *steps))
 
 
 def mechanical(text: str, *acts: Act) -> Remedy:
@@ -119,14 +120,14 @@ def mechanical(text: str, *acts: Act) -> Remedy:
     return _remedy(FixKind.MECHANICAL, text, acts)
 
 
-def decision(text: str, *acts: Act) -> Remedy:
+def decision(text: str, *more: Act | str) -> Remedy:
     """What somebody has to decide; then, where there are acts, a script does the rest."""
-    return _remedy(FixKind.DECISION, text, acts)
+    return _remedy(FixKind.DECISION, text, more)
 
 
-def outside(text: str) -> Remedy:
+def outside(text: str, *more: str) -> Remedy:
     """What no edit of the keystore brings about."""
-    return _remedy(FixKind.OUTSIDE, text, ())
+    return _remedy(FixKind.OUTSIDE, text, more)
 
 
 MAX_PLACES: Final = 50

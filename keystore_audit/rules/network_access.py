@@ -29,9 +29,11 @@ MAX_ASKED: Final = 500
 """Rights that are asked about without the own file: a few seconds."""
 
 NAMED: Final = (
-    f"`keystore-audit suggest KEYSTORE --as {facts.NETWORK_FORM} --router PATH -o DIR` writes files that hold: all "
-    "sessions are clients of one router, whose rules name certificates. By hand: in every file, give policies subjects "
-    "with cert_common_names, for what comes in and for what goes out."
+    f"`keystore-audit suggest KEYSTORE --as {facts.NETWORK_FORM} --router PATH -o DIR` writes files that hold."
+)
+BY_HAND: Final = (
+    "All sessions are clients of one router then, whose rules name certificates (without a router: --listen). By hand: "
+    "in every file, give policies subjects with cert_common_names, for what comes in and for what goes out."
 )
 
 
@@ -39,7 +41,7 @@ NAMED: Final = (
     "KA804",
     Severity.HIGH,
     facts.ROUTED_ACCESS,
-    outside(f"Add access_control with enabled true and default_permission deny. {NAMED}"),
+    outside("Add access_control with enabled true and default_permission deny.", NAMED, BY_HAND),
 )
 def no_access_control(process: Process) -> Iterator[Violation]:
     """A process has no access control: whoever has a link to it may do anything with it.
@@ -122,7 +124,7 @@ def _properties(subject: Subject) -> tuple[str | None, ...]:
     "KA807",
     Severity.HIGH,
     facts.ROUTED_ACCESS,
-    outside(NAMED),
+    outside(NAMED, BY_HAND),
 )
 def anybody_may_send(process: Process) -> Iterator[Violation]:
     """A policy lets a subject send that nobody has to prove to be.
@@ -150,7 +152,7 @@ def _of_anybody(process: Process, *kinds: Kind) -> Sequence[Written]:
     "KA835",
     Severity.LOW,
     facts.ROUTED_ACCESS,
-    outside(NAMED),
+    outside(NAMED, BY_HAND),
 )
 def graph_from_anybody(process: Process) -> Iterator[Violation]:
     """A policy lets a subject that nobody has to prove to be announce nodes: what ROS tools list can be made up.
@@ -168,7 +170,7 @@ def graph_from_anybody(process: Process) -> Iterator[Violation]:
     "KA808",
     Severity.HIGH,
     facts.ROUTED_ACCESS,
-    outside(NAMED),
+    outside(NAMED, BY_HAND),
 )
 def file_restrains_only_its_owner(network: Network, context: Context) -> Iterator[Violation]:
     """An enclave can do what its own file denies, by starting without that file.

@@ -22,7 +22,7 @@ from keystore_audit.model.intended.drift_rights import policy_grant
 from keystore_audit.model.matching.expression import any_matches
 from keystore_audit.model.names import AMBIENT_TOPICS, Use, dds_channels
 from keystore_audit.profiles import Matcher, Release, facts
-from keystore_audit.rules.network_access import NAMED
+from keystore_audit.rules.network_access import BY_HAND, NAMED
 from keystore_audit.rules.registry import Context, Violation, more_like, quoted, rule
 from keystore_audit.truth import Truth
 from keystore_audit.zenoh import flow
@@ -42,7 +42,7 @@ WORDS: Final = {"publish": "publish", "subscribe": "subscribe to", "request": "c
     "KA822",
     Severity.HIGH,
     facts.ROUTED_ACCESS,
-    decision(f"Sign what is meant (or write it into the policy), or forbid it in the files. {NAMED}"),
+    decision("Sign what is meant (or write it into the policy), or forbid it in the files.", NAMED, BY_HAND),
 )
 def right_beyond_permissions(network: Network, context: Context) -> Iterator[Violation]:
     """An enclave can do what its signed permissions do not grant, or where a policy is named, what that does not say.
@@ -70,7 +70,7 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
     "KA836",
     Severity.MEDIUM,
     facts.ROUTED_ACCESS,
-    decision(f"Allow it in the files of both sides, or take it out of what is signed. {NAMED}"),
+    decision("Allow it in the files of both sides, or take it out of what is signed.", NAMED, BY_HAND),
 )
 def granted_and_kept_off(network: Network, context: Context) -> Iterator[Violation]:
     """An enclave was granted what the files let through to nobody, or from nobody: its own file, or all others'.
@@ -130,7 +130,7 @@ def _differing(
     "KA828",
     Severity.HIGH,
     f"{facts.ROUTED_PAGE}: what is asserted in keystore-audit.toml",
-    decision(f"Forbid it in a file that is named, or change what is asserted. {NAMED}"),
+    decision("Forbid it in a file that is named, or change what is asserted.", NAMED, BY_HAND),
 )
 def asserted_property_violated_by_files(network: Network, context: Context) -> Iterator[Violation]:
     """What settings assert does not hold by the files of sessions and routers: `no_flow` or `only_publish`.
