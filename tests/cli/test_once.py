@@ -72,7 +72,8 @@ def test_a_second_value_is_wrong_usage(
 ) -> None:
     path, option = given
     name, value = name_of(option), fitting(option)
-    assert run(called(path, name, value, f"{name}={value}")) == 2
+    first = (name, *[value] * option.nargs)
+    assert run(called(path, *first, *([f"{name}={value}"] if option.nargs == 1 else first))) == 2
     assert f"{name} is given twice and takes one value: give it once.\n" in capsys.readouterr().err
 
 
