@@ -47,7 +47,7 @@ class Access:
         keystore = given.keystore(path)
         self._profiles = given.profiles
         self._at = given.at
-        self._enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
+        self._enclaves = keystore.by_path
         self._accesses = given.accesses(keystore)
         points: dict[Point, int] = {}
         for question in questions:
@@ -122,15 +122,14 @@ class Access:
 
 def _named(path: str, enclaves: Mapping[str, Enclave]) -> Enclave:
     if path not in enclaves:
-        known = sorted(enclaves)
-        raise UsageError(f"There is no enclave {path!r}.{meant(path, known)} Known: {some(known, MAX_KNOWN)}.")
+        raise UsageError(f"There is no enclave {path!r}.{meant(path, [*enclaves])} Known: {some(enclaves, MAX_KNOWN)}.")
     return enclaves[path]
 
 
 def routed(
     path: str | os.PathLike[str],
-    folder: Path,
     words: tuple[str, str, str],
+    folder: Path,
     given: Circumstances,
     releases: Sequence[Release],
 ) -> RoutedAnswers:
@@ -143,7 +142,7 @@ def routed(
 
     keystore = given.keystore(path)
     named, operation, name = words
-    enclave = _named(named, {each.path: each for each in reversed(keystore.enclaves)})
+    enclave = _named(named, keystore.by_path)
     rights, domain = Rights(read_network(folder, keystore, given.at)), given.domain or 0
     return RoutedAnswers(
         enclave=named,
@@ -174,10 +173,7 @@ def routed_tables(
     networks = [
         read_network(folder, keystore, given.at) for (_p, folder), keystore in zip(sides, keystores, strict=True)
     ]
-    named = []
-    for keystore, network in zip(keystores, networks, strict=True):
-        documents = [each.permissions for each in keystore.enclaves if each.permissions is not None]
-        named.append(written_names(documents, network, domain))
+    named = [written_names(*side, domain) for side in zip(keystores, networks, strict=True)]
     asked = dict.fromkeys(right for each in named for right in each.rights)
     if any(len(asked) * len(keystore.enclaves) > MAX_RIGHTS for keystore in keystores):
         raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named: ask with `can`.")

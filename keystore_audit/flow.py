@@ -22,7 +22,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.engine.needs import solved_again, taken_for_granted, with_needs
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
-from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
 from keystore_audit.model.claims.globs import nearest
@@ -49,6 +49,9 @@ from keystore_audit.settings.claims import place
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from keystore_audit.zenoh.participants import NetworkFlows
+    from keystore_audit.zenoh.stolen import StolenAnswer
 
 
 class FlowQuestion(Struct, frozen=True, kw_only=True):
@@ -146,19 +149,16 @@ def find_flow(
 
 def find_routed_flow(
     path: str | os.PathLike[str],
-    folder: Path,
     question: FlowQuestion,
+    engines: Engines,
+    folder: Path,
     given: Circumstances,
     releases: Sequence[Release],
-    engines: Engines,
 ) -> FlowAnswer:
     """The same by the files of sessions and routers there. Raises as `find_flow`, and where there is no such file."""
     from keystore_audit.engine.routed import decide
-    from keystore_audit.zenoh.network import read_network
-    from keystore_audit.zenoh.participants import NetworkFlows
 
-    keystore = given.keystore(path)
-    flows = NetworkFlows(keystore, read_network(folder, keystore, given.at))
+    flows = _network_flows(path, folder, given)
     claims = questions(question)
     runs, found = decide(flows, [(flows.asked(each), release) for each in claims for release in releases], engines)
     told = iter(found)
@@ -174,6 +174,14 @@ def find_routed_flow(
         folder=os.fspath(folder),
         unclear=flows.rights.doubts,
     )
+
+
+def _network_flows(path: str | os.PathLike[str], folder: Path, given: Circumstances) -> NetworkFlows:
+    from keystore_audit.zenoh.network import read_network
+    from keystore_audit.zenoh.participants import NetworkFlows
+
+    keystore = given.keystore(path)
+    return NetworkFlows(keystore, read_network(folder, keystore, given.at))
 
 
 def posed(
@@ -237,8 +245,7 @@ def find_blast_radius(
     keystore = given.keystore(path)
     profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
     stolen = Stolen(who) if who in (Stolen.IDENTITY_CA.value, Stolen.PERMISSIONS_CA.value) else Stolen.ENCLAVE
-    if stolen is Stolen.ENCLAVE:
-        _check(who, keystore)
+    enclave = _enclave(who, keystore) if stolen is Stolen.ENCLAVE else None
     known = ground(keystore, profiles, at, accesses, include_ambient=include_ambient)
     asking = _Asking(known, given.names)
     doubts = (doubt.location for profile in at_work(profiles) for doubt in keystore_doubts(keystore, profile, accesses))
@@ -248,19 +255,62 @@ def find_blast_radius(
         include_ambient=include_ambient,
         ground=known,
         enclaves=len(keystore.enclaves),
-        keys=(asking.enclave(who, keystore),) if stolen is Stolen.ENCLAVE else tuple(asking.authorities(stolen)),
+        keys=(asking.enclave(enclave),) if enclave is not None else tuple(asking.authorities(stolen)),
         doubts=tuple(dict.fromkeys(doubts)),
         declared=declared(profiles),
     )
 
 
-def _check(path: str, keystore: Keystore) -> None:
-    paths = [enclave.path for enclave in keystore.enclaves]
-    if path not in paths:
-        hint = nearest(path, paths)
+def find_routed_radius(
+    path: str | os.PathLike[str],
+    who: str,
+    folder: Path,
+    given: Circumstances,
+    releases: Sequence[Release],
+    *,
+    include_ambient: bool = False,
+) -> StolenAnswer:
+    """What the key of the enclave `who` opens by the files of sessions and routers there.
+
+    Asked are the names that permissions and rules write, in every domain that rules name. Raises as `find_routed_flow`,
+    and errors.BudgetExceeded for too many names.
+    """
+    from keystore_audit.zenoh.answers import channels
+    from keystore_audit.zenoh.names import MAX_RIGHTS, rule_domains, written_names
+    from keystore_audit.zenoh.stolen import StolenAnswer, opened
+
+    if who in (Stolen.IDENTITY_CA.value, Stolen.PERMISSIONS_CA.value):
+        raise UsageError(
+            "By files of sessions and routers, whoever holds an identity CA's key is every enclave, and permissions "
+            "have no say: ask about an enclave."
+        )
+    flows = _network_flows(path, folder, given)
+    enclave = _enclave(who, flows.keystore)
+    rights = [
+        right
+        for domain in rule_domains(flows.network)
+        for words in written_names(flows.keystore, flows.network, domain).rights
+        for right in channels(*words, domain)
+    ]
+    if len(rights) > MAX_RIGHTS:
+        raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named: ask with `can`.")
+    return StolenAnswer(
+        who=who,
+        at=given.at,
+        folder=flows.network.path,
+        include_ambient=include_ambient,
+        opened={each.name: tuple(opened(flows, enclave, rights, each, ambient=include_ambient)) for each in releases},
+        doubts=flows.rights.doubts,
+    )
+
+
+def _enclave(path: str, keystore: Keystore) -> Enclave:
+    if path not in keystore.by_path:
+        hint = nearest(path, [*keystore.by_path])
         raise UsageError(
             f"{path!r} is no enclave of this keystore{hint}: expected its path, identity-ca or permissions-ca."
         )
+    return keystore.by_path[path]
 
 
 class _Asking:
@@ -270,16 +320,15 @@ class _Asking:
         self._known = known
         self._profiles = profiles
 
-    def enclave(self, path: str, keystore: Keystore) -> KeyAnswer:
+    def enclave(self, found: Enclave) -> KeyAnswer:
         """About the key of an enclave."""
-        found = next(enclave for enclave in keystore.enclaves if enclave.path == path)
         place = found.certificate.file.place if found.certificate is not None else found.files.directory
         left_out = self._known.left_out
         return KeyAnswer(
             stolen=Stolen.ENCLAVE,
-            name=path,
+            name=found.path,
             location=Location(place),
-            alone=self._by_profile(lambda system: radius_of_enclave(system, left_out, path)),
+            alone=self._by_profile(lambda system: radius_of_enclave(system, left_out, found.path)),
             with_an_enclave=None,
         )
 

@@ -84,10 +84,9 @@ def _in_network(keystore: str, words: Sequence[str], given: dict[str, Any]) -> i
     """Answer by the files of the middleware that routes, by which permissions and partitions do not count."""
     from keystore_audit.access import routed
     from keystore_audit.intent.intent import is_ros_name
-    from keystore_audit.profiles import releases
     from keystore_audit.report import routed_answer
 
-    opt.refuse(("batch", "kind", "partitions", "not_assumed", "time_zone"), "files of sessions and routers")
+    asked_of = opt.in_network(given, keystore, "batch", "kind", "partitions")
     if len(words) != 3:
         raise click.UsageError("Name ENCLAVE, OPERATION and NAME, e.g. `/talker publish /chatter`.")
     enclave, operation, name = words
@@ -95,8 +94,7 @@ def _in_network(keystore: str, words: Sequence[str], given: dict[str, Any]) -> i
         raise click.UsageError(types.unknown(f"{operation!r} is not one of", operation, ROUTED_OPERATIONS))
     if not is_ros_name(name):
         raise click.UsageError(f"{name!r} is no fully qualified ROS name: expected one like /chatter.")
-    reading = opt.reading(given, opt.named_settings(given, keystore))
-    asked = routed(keystore, given["network"], (enclave, operation, name), reading, releases(given["profiles"]))
+    asked = routed(keystore, (enclave, operation, name), *asked_of)
     render = routed_answer.json if given["form"] == "json" else routed_answer.text
     output.write_stdout(render(asked))
     return _exit_code(asked.answers.values(), effective=given["effective"], expected=given["expect"])
@@ -297,12 +295,10 @@ def access_command(keystore: str, **given: Any) -> int:
 def _network_table(keystore: str, given: dict[str, Any]) -> int:
     """What the files of the middleware that routes let enclaves do, by which permissions do not count."""
     from keystore_audit.access import routed_tables
-    from keystore_audit.profiles import releases
     from keystore_audit.report import routed_access
 
-    opt.refuse(("not_assumed", "time_zone"), "files of sessions and routers")
-    reading = opt.reading(given, opt.named_settings(given, keystore))
-    (table,) = routed_tables([(keystore, given["network"])], reading, releases(given["profiles"]))
+    network, reading, asked = opt.in_network(given, keystore)
+    (table,) = routed_tables([(keystore, network)], reading, asked)
     render = {"text": routed_access.text, "json": routed_access.json, "csv": routed_access.csv}[given["form"]]
     output.write_stdout(render(table))
     return EXIT_INCOMPLETE if table.has_unknown else 0

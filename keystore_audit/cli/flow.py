@@ -78,10 +78,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         raise click.UsageError("--compromised says who attacks: give no --attacker.")
     from keystore_audit.flow import FlowQuestion, find_flow, find_routed_flow
     from keystore_audit.model.formal.asked import Attacker, ClaimKind
-    from keystore_audit.profiles import releases
 
-    if given["network"] is not None:
-        opt.refuse(("fallen", "not_assumed", "time_zone"), "files of sessions and routers")
     settings = opt.named_settings(given, keystore)
     question = FlowQuestion(
         source=source,
@@ -92,32 +89,32 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         compromised=given["fallen"],
         able=tuple(each for each in settings.claims if each.kind is ClaimKind.ABLE) if settings else (),
     )
-    reading, engines = opt.reading(given, settings), opt.engines(given)
+    engines = opt.engines(given)
     if given["network"] is None:
-        answer = find_flow(keystore, question, reading, engines=engines)
+        answer = find_flow(keystore, question, opt.reading(given, settings), engines=engines)
     else:
-        answer = find_routed_flow(keystore, given["network"], question, reading, releases(given["profiles"]), engines)
+        answer = find_routed_flow(keystore, question, engines, *opt.in_network(given, keystore, "fallen"))
     output.write_stdout(rendered(answer, given["form"]))
     return exit_code(answer.status)
 
 
 def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     """What a stolen key opens."""
-    opt.refuse(("attacker", "fallen", "through", "alloy_jar", "network"), "--from-compromised")
+    opt.refuse(("attacker", "fallen", "through", "alloy_jar"), "--from-compromised")
     if given["engine"] not in ("native", "auto"):
         raise click.UsageError("--from-compromised is worked out natively: no other engine decides it.")
-    from keystore_audit.flow import find_blast_radius
+    from keystore_audit.flow import find_blast_radius, find_routed_radius
+    from keystore_audit.report import flow, routed_stolen
 
-    answer = find_blast_radius(
-        keystore,
-        given["compromised"],
-        opt.reading(given, opt.named_settings(given, keystore)),
-        include_ambient=given["include_ambient"],
-    )
-    from keystore_audit.report import flow
-
-    output.write_stdout((flow.stolen_json if given["form"] == "json" else flow.stolen_text)(answer))
-    return exit_code(answer.status)
+    who, ambient, as_json = given["compromised"], given["include_ambient"], given["form"] == "json"
+    if given["network"] is None:
+        reading = opt.reading(given, opt.named_settings(given, keystore))
+        answer = find_blast_radius(keystore, who, reading, include_ambient=ambient)
+        output.write_stdout((flow.stolen_json if as_json else flow.stolen_text)(answer))
+        return exit_code(answer.status)
+    opened = find_routed_radius(keystore, who, *opt.in_network(given, keystore), include_ambient=ambient)
+    output.write_stdout((routed_stolen.json if as_json else routed_stolen.text)(opened))
+    return EXIT_INCOMPLETE if opened.beyond_itself is None else int(opened.beyond_itself)
 
 
 def exit_code(status: Status) -> int:

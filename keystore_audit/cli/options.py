@@ -14,7 +14,7 @@ from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.cli.types import Known, Number, Word, instant, launch_argument, profile_name, seconds, zone_name
 from keystore_audit.errors import UsageError
 from keystore_audit.options import LAST_DOMAIN, declared_files, now
-from keystore_audit.profiles import MIDDLEWARE, facts
+from keystore_audit.profiles import MIDDLEWARE, Release, facts, releases
 
 if TYPE_CHECKING:
     from keystore_audit.circumstances import Circumstances
@@ -277,6 +277,17 @@ def refuse(names: Collection[str], question: str) -> None:
         name = each.name or ""
         if name in names and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:  # no variable
             raise click.UsageError(f"{each.opts[0]} says nothing about {question}.")
+
+
+def in_network(
+    given: Mapping[str, Any], keystore: str, *refused: str
+) -> tuple[Path, Circumstances, tuple[Release, ...]]:
+    """The folder of sessions and routers, what else is given, and the releases that are asked about.
+
+    Raises UsageError for `refused` options and others that say nothing about such files.
+    """
+    refuse((*refused, "not_assumed", "time_zone"), "files of sessions and routers")
+    return given["network"], reading(given, named_settings(given, keystore)), releases(given["profiles"])
 
 
 def check_launch_arguments(arguments: Collection[object], launches: Collection[Path]) -> None:

@@ -102,6 +102,11 @@ class Keystore(Struct, frozen=True, kw_only=True, eq=False):
     """What neither sros2 nor the plugins know by place and name, by path."""
 
     @property
+    def by_path(self) -> dict[str, Enclave]:
+        """The enclaves by path, in its order: of those with one path the first."""
+        return dict(sorted({each.path: each for each in reversed(self.enclaves)}.items()))
+
+    @property
     def unread_foreign(self) -> tuple[File, ...]:
         """Files in which keys, certificates or documents may stand that nobody read, and that nobody accepted: foreign
         ones, enclaves' own in other forms, and keys of authorities of which it is not known which they are.

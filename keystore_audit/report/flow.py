@@ -32,7 +32,7 @@ from keystore_audit.properties.result import (
 from keystore_audit.report.content import answered_if, conditions_of
 from keystore_audit.report.json import encoded, picked, told
 from keystore_audit.report.page import by_answer, profiles, rests_on, unbroken, worst_first, wrapped
-from keystore_audit.report.routed_answer import ASSUMED
+from keystore_audit.report.routed_answer import APART, ASSUMED
 from keystore_audit.text import MAX_EXPRESSION, counted, instant, shorten, some, terminal
 
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}
@@ -193,7 +193,7 @@ def stolen_text(answer: CompromiseAnswer) -> str:
     if not answer.keys:
         lines += [wrapped("No certificate of such an authority could be read: what its key opens is unknown."), ""]
     if not answer.include_ambient:
-        lines.append(wrapped("Flows are apart from /clock, /parameter_events, /rosout and ros_discovery_info."))
+        lines.append(wrapped(APART))
     if answer.status is Status.UNKNOWN and answer.doubts:
         lines.append(wrapped(rests_on(answer.doubts)))
     return "\n".join(lines).rstrip("\n") + "\n"

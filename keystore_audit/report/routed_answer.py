@@ -17,6 +17,7 @@ ASSUMED: Final = (
     "Holds if every process starts with its file in {}, no other takes part, and addresses lead to whom they name. "
     "Neither governance nor permissions have a say."
 )
+APART: Final = "Flows are apart from /clock, /parameter_events, /rosout and ros_discovery_info."
 _COULD = {Truth.YES: "it can", Truth.NO: "it cannot", Truth.UNKNOWN: "cannot be told"}
 
 

@@ -202,12 +202,11 @@ def _compared(
     enclaves = [each for each in context.keystore.enclaves if each not in routing and each.identity is not None]
     if context.drift is None:
         enclaves = [each for each in enclaves if each.permissions is not None]
-    documents = [each.permissions for each in context.keystore.enclaves if each.permissions is not None]
     domains = rule_domains(network)
     if len(domains) > MAX_DOMAIN:  # all that permissions grant is worked out for each
         raise BudgetExceeded(f"the rules in {network.path} are about more than {MAX_DOMAIN} domains")
     for domain in domains:
-        named = written_names(documents, network, domain).rights
+        named = written_names(context.keystore, network, domain).rights
         uses = {(operation, name): dds_channels(operation, name) for operation, name in named}
         yield domain, enclaves, uses, _by_policy(context) or _by_permissions(context, [*uses.values()], domain)
 

@@ -13,7 +13,6 @@ from msgspec.structs import replace
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
 from keystore_audit.grouped import gathered
-from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.model.matching.key_expressions import EVERYTHING
 from keystore_audit.profiles import Release
 from keystore_audit.truth import Truth
@@ -80,13 +79,14 @@ def _alike(process: Process, keys: Keys) -> tuple[tuple[Key, int], ...]:
 
 
 class Walks:
-    """Searches over hops that there may be, or (`certain`) that there are, while these attack and these listen."""
+    """Searches over hops that there may be, or (`certain`) that there are, while these attack: they listen, and so does
+    the outsider.
+    """
 
     def __init__(
         self,
         flows: NetworkFlows,
         attacking: frozenset[Participant],
-        listening: frozenset[Participant],
         release: Release,
         *,
         ambient: bool,
@@ -94,7 +94,7 @@ class Walks:
     ) -> None:
         self._flows, self._release, self._ambient, self._certain = flows, release, ambient, certain
         self.attacking = attacking
-        self.listening = tuple(each for each in flows.participants if each in listening)
+        self.listening = tuple(each for each in flows.participants if each in attacking or each is OUTSIDER)
         self._nodes = {id(session): each for each in flows.participants for session in each.sessions}
         self._let = cache(self._let_by)
         self._sent = cache(self._sent_by)
@@ -141,7 +141,7 @@ class Walks:
 
     def _begins(self, sender: Participant, *, attack: bool, heard: bool) -> Sequence[Tie]:
         if attack:
-            return self._flows.attacks(sender) if sender in self.attacking else ()
+            return self._flows.rights.links.attacks(sender.who) if sender in self.attacking else ()
         more, links = self._ears if heard else {}, self._flows.rights.links
         return [tie for each in sender.sessions for tie in (*links.of(each), *more.get(id(each), ()))]
 
@@ -221,7 +221,7 @@ class Walks:
                 ),
             )
             for each in self.listening
-            for tie in self._flows.attacks(each)
+            for tie in links.attacks(each.who)
         ]
         plain = (
             replace(tie, far=ends[OUTSIDER][tie.far.says.mode], sure=Truth.UNKNOWN)
@@ -249,11 +249,8 @@ def _nobody(mode: Mode) -> Process:
 
 def walks(flows: NetworkFlows, asked: Question, release: Release, *, certain: bool) -> Walks:
     """Those for a question: questions with the same attackers share what they look at."""
-    everybody, whole = flows.participants, asked.attacker is Attacker.RELAYS
-    attacking = everybody if whole else asked.source.participants if asked.attacker is Attacker.SOURCE else ()
-    unseen = () if certain else tuple(each for each in everybody if each.unseen)
-    listening = frozenset((*(everybody if whole else (OUTSIDER,)), *unseen))
-    return _walks(flows, frozenset((*attacking, *unseen)), listening, release, ambient=asked.ambient, certain=certain)
+    unseen = () if certain else (each for each in flows.participants if each.unseen)
+    return _walks(flows, frozenset((*asked.attacking, *unseen)), release, ambient=asked.ambient, certain=certain)
 
 
 _walks: Final = lru_cache(maxsize=16)(Walks)
@@ -284,7 +281,7 @@ def published(flows: NetworkFlows, asked: Question, release: Release) -> tuple[T
     routing = {each for router in started if not is_session(router) for each in (router, router.owner)}
     others = [e for e in flows.participants if e.sessions or e.who is None or e.who not in routing]
     others = [each for each in others if each not in asked.source.participants]
-    asked = replace(asked, attacker=Attacker.RELAYS)
+    asked = replace(asked, attacking=flows.participants)
     for certain in (True, False):
         hops_of = walks(flows, asked, release, certain=certain).hops
         taken = (next((h for h in hops_of(each, asked.target.topics) if not h.heard), None) for each in others)

@@ -8,7 +8,7 @@ A client sends whether or not it was told of a receiver, and so does a peer to a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Final
 
 from msgspec import Struct
@@ -99,7 +99,7 @@ class Links:
 
     def __init__(self, network: Network) -> None:
         self._network = network
-        self._attackers: dict[Enclave | Process | None, tuple[Tie, ...]] = {}
+        self.attacks = cache(self._attacked)
 
     def of(self, process: Process) -> tuple[Tie, ...]:
         """Those of a process, which is their near end."""
@@ -116,19 +116,24 @@ class Links:
             if not end.multicast and not any(fits(end, other).may for other in listening)
         )
 
-    def attacks(self, who: Enclave | Process | None) -> tuple[Tie, ...]:
+    def _attacked(self, who: Enclave | Process | None) -> tuple[Tie, ...]:
         """The links that somebody with the enclave's key, and without its file, can have; None: with no key at all.
 
-        Of a process of no enclave, whoever is in its place.
+        It has those of all enclaves of the same key. Of a process of no enclave, whoever is in its place.
         """
-        if who not in self._attackers:
-            certificate = None if who is None else who.certificate if isinstance(who, Process) else who.identity
-            started = self._network.started
-            own = [each for each in started if who is not None and who in (each, each.owner)]
-            ties = [tie for process in started for tie in self._attacks(process, certificate)]
-            ties += (t for each in started if each not in own for t in self._led(each, own, certificate))
-            self._attackers[who] = tuple(ties)
-        return self._attackers[who]
+        key = who.identity.key if isinstance(who, Enclave) and who.identity is not None else None
+        owners = self._network.named.owners.values()
+        alike = tuple(each for each in owners if each.identity is not None and each.identity.key == key)
+        return tuple(tie for each in alike or (who,) for tie in self._attacked_by(each))
+
+    def _attacked_by(self, who: Enclave | Process | None) -> Iterator[Tie]:
+        certificate = None if who is None else who.certificate if isinstance(who, Process) else who.identity
+        started = self._network.started
+        own = [each for each in started if who is not None and who in (each, each.owner)]
+        for process in started:
+            yield from self._attacks(process, certificate)
+        for process in started:
+            yield from self._led(process, own, certificate) if process not in own else ()
 
     def _attacks(self, process: Process, certificate: Certificate | None) -> Iterator[Tie]:
         name = common_name(certificate) if certificate is not None else None

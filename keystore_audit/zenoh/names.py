@@ -8,6 +8,7 @@ from typing import Final
 from msgspec import Struct
 
 from keystore_audit.intent.intent import is_ros_name
+from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.model.names import DISCOVERY_TOPIC, SUFFIX_OF, TOPIC_PREFIX, is_ros_dds_name
@@ -38,8 +39,9 @@ class Named(Struct, frozen=True):
     patterns: tuple[str, ...]
 
 
-def written_names(documents: Iterable[PermissionsFile], network: Network, domain: int) -> Named:
-    """What the documents name in any domain, and the rules of processes that start in this one."""
+def written_names(keystore: Keystore, network: Network, domain: int) -> Named:
+    """What permissions name in any domain, and the rules of processes that start in this one."""
+    documents = (each.permissions for each in keystore.enclaves if each.permissions is not None)
     rights: dict[tuple[str, str], None] = {}
     patterns: dict[str, None] = {}
     for text, name, operations in (*_in_documents(documents), *_in_rules(network, domain)):

@@ -25,7 +25,6 @@ from keystore_audit.model.matching.key_expressions import EVERYTHING, VERBATIM, 
 from keystore_audit.model.names import AMBIENT, TOPIC_PREFIX
 from keystore_audit.zenoh.access_control import Key, Kind, Meant
 from keystore_audit.zenoh.answers import EFFECTIVE, rights_in
-from keystore_audit.zenoh.links import Tie
 from keystore_audit.zenoh.names import rule_domains
 from keystore_audit.zenoh.network import Network, Process, is_session
 
@@ -66,11 +65,13 @@ class End(Struct, frozen=True, kw_only=True):
 
 
 class Question(Struct, frozen=True, kw_only=True):
-    """Whether something gets from one end to another, over nobody of `through`. `ambient`: on what all use, too."""
+    """Whether something gets from one end to another, over nobody of `through`, while these attack. `ambient`: on what
+    all use, too.
+    """
 
     source: End
     target: End
-    attacker: Attacker
+    attacking: tuple[Participant, ...] = ()
     through: tuple[Participant, ...] = ()
     ambient: bool = False
 
@@ -81,15 +82,14 @@ class NetworkFlows:
     def __init__(self, keystore: Keystore, network: Network) -> None:
         self.network = network
         self.rights = rights_in(network)
-        self._enclaves = keystore.enclaves
+        self.keystore = keystore
         self.classes = cache(self._classes)
-        self.attacks = cache(self._attacks)
 
     @cached_property
     def participants(self) -> tuple[Participant, ...]:
         """All to whom something can come."""
         found: list[Participant] = []
-        for enclave in self._enclaves:
+        for enclave in self.keystore.enclaves:
             own = [each for each in self.network.processes if each.owner is enclave]
             running = tuple(each for each in own if each.says.starts and is_session(each))
             found.append(Participant(label=enclave.path, who=enclave, sessions=running, unseen=not own))
@@ -102,7 +102,7 @@ class NetworkFlows:
 
     def asked(self, claim: Claim) -> Question:
         """What a claim that there is no flow asks. Raises UsageError for what is not there, or is no key."""
-        check_places(claim, [each.path for each in self._enclaves])
+        check_places(claim, [each.path for each in self.keystore.enclaves])
         ends = (
             End(
                 participants=(OUTSIDER,) if globs.outsider else self.named(globs.enclaves),
@@ -111,14 +111,18 @@ class NetworkFlows:
             for globs in (claim.source, claim.target)
         )
         source, target = ends
-        through = self.named(claim.through)
+        attacking = {Attacker.SOURCE: source.participants, Attacker.RELAYS: self.participants}
         return Question(
-            source=source, target=target, attacker=claim.attacker, through=through, ambient=claim.include_ambient
+            source=source,
+            target=target,
+            attacking=attacking.get(claim.attacker, ()),
+            through=self.named(claim.through),
+            ambient=claim.include_ambient,
         )
 
     def named(self, globs: Iterable[str]) -> tuple[Participant, ...]:
         """The enclaves that globs name."""
-        known = all_matching(globs, [enclave.path for enclave in self._enclaves])
+        known = all_matching(globs, [enclave.path for enclave in self.keystore.enclaves])
         return tuple(each for each in self.participants if isinstance(each.who, Enclave) and each.label in known)
 
     def _keys(self, topic: str) -> Iterator[str]:
@@ -132,14 +136,6 @@ class NetworkFlows:
             chunks = ["*" if chunk == _PART else chunk for chunk in text.split("/")]
             for domain in (*map(str, rule_domains(self.network)), "*"):
                 yield "/".join((domain, *chunks, "*", "*"))
-
-    def _attacks(self, participant: Participant) -> tuple[Tie, ...]:
-        """The links that it has without its file, as whoever has the same key."""
-        who = participant.who
-        if not isinstance(who, Enclave) or who.identity is None:
-            return self.rights.links.attacks(who)
-        alike = [each for each in self._enclaves if each.identity is not None and each.identity.key == who.identity.key]
-        return tuple(tie for each in alike for tie in self.rights.links.attacks(each))
 
     def check_size(self) -> None:
         """Raise BudgetExceeded where it would take too long."""

@@ -312,6 +312,8 @@ def test_whoever_has_a_key_is_all_that_have_it(shared: bool, keystore_audit: Run
         (folder / f"{name}.json5").write_text(written({**tls(store, name), **each}))
     asked = ("/random", "/listener", "--attacker", "source")
     assert flow(keystore_audit, store, folder, *asked)[0] == {"source": shared}
+    words = ("/random", "publish", "/chatter", "--effective", "--zenoh", folder, "--at", AT)
+    assert keystore_audit("can", store, *words).returncode == (0 if shared else 1)
 
 
 def test_usage(keystore_audit: Run, keys: Path, network: Network) -> None:
@@ -324,7 +326,7 @@ def test_usage(keystore_audit: Run, keys: Path, network: Network) -> None:
         (("outsider", "/talker", "--attacker", "honest"), "to send is to attack"),
         (("/talker", "/listener", "--compromised", "1"), "--compromised"),
         (("/talker", "/listener", "--time-zone", "Europe/Berlin"), "--time-zone"),
-        (("--from-compromised", "/talker"), "--zenoh"),
+        (("--from-compromised", "/talker", "--time-zone", "Europe/Berlin"), "--time-zone"),
     ):
         done = keystore_audit("flow", keys, *words, "--zenoh", folder, "--at", AT)
         assert done.returncode == 2, (words, done.stderr)

@@ -129,8 +129,9 @@ class Facts:
         self._flows, self._asked, self._release = flows, asked, release
         self._walk = walk = walks(flows, asked, release, certain=False)
         self._links = [*dict.fromkeys(t for p in flows.network.started for t in flows.rights.links.of(p) if t.sure.may)]
-        attackers = [each for each in flows.participants if each in {*walk.attacking, *walk.listening}]
-        reaches = ((each, tie) for each in attackers for tie in flows.attacks(each) if tie.sure.may)
+        reaches = (
+            (each, tie) for each in walk.listening for tie in flows.rights.links.attacks(each.who) if tie.sure.may
+        )
         self._reaches = [*dict.fromkeys(reaches)]
         self._sendings = [
             _Sending(part, (does, topics, text), deed, wide, heard)

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered, grouped
-from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
+from keystore_audit.keystore.keystore import Keystore, every_certificate
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.typed import Operation, PermissionsFile, read_permissions
 from keystore_audit.keystore.unmanaged import UnmanagedDocument, UnmanagedIdentity
@@ -51,7 +51,7 @@ class View(Peers):
         self, system: System, decisions: Decisions, keystore: Keystore, accesses: AccessViews, access: Access
     ) -> None:
         super().__init__(system, decisions)
-        self.evidence = _by_path(keystore)
+        self.evidence = keystore.by_path
         self._keystore, self._accesses, self._access = keystore, accesses, access
 
     @cached_property
@@ -179,7 +179,7 @@ class Sides:
         self.accesses = AccessViews(documents, at, zone, assumed)
         read = self.accesses.by_row(profiles, (document.file for document in documents))
         self.channels = document_channels(read, claimed=[region_of((glob,)) for glob in topics], ungoverned=True)
-        self.enclaves = (_by_path(old), _by_path(new))
+        self.enclaves = (old.by_path, new.by_path)
         self.usability = tuple(
             usability_by_profile(keystore.enclaves, profiles, at, Usabilities(domain, self.accesses))
             for keystore in self.keystores
@@ -346,11 +346,6 @@ class Sides:
     def _literals(self) -> frozenset[str]:
         """Names that some expression spells out: their channels hold no other topic."""
         return frozenset(text for _matcher, region in self.channels.regions for area in region for text in area.topics)
-
-
-def _by_path(keystore: Keystore) -> dict[str, Enclave]:
-    first = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
-    return {path: first[path] for path in sorted(first)}
 
 
 def with_what_was(old: Keystore, new: Keystore) -> Keystore:

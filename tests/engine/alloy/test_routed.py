@@ -17,7 +17,6 @@ from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.routed import MODULES, Facts, may_get_through
 from keystore_audit.engine.alloy.runner import analyzer_of
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.profiles import ROUTED
 from keystore_audit.zenoh.flow import walks
 from keystore_audit.zenoh.network import read_network
@@ -46,9 +45,10 @@ def asked(chance: Random, there: NetworkFlows) -> Question:
             return End(topics=tuple(chance.sample(TOPICS, 2)))
         return End(participants=(chance.choice(known if kind < 0.9 else there.participants),))
 
-    attacker = chance.choice((Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS))
     through = tuple(each for each in there.participants if each.unseen or chance.random() < 0.2)
-    return Question(source=end(), target=end(), attacker=attacker, through=through, ambient=chance.random() < 0.5)
+    source, target = end(), end()
+    attacking = chance.choice(((), source.participants, target.participants, there.participants))
+    return Question(source=source, target=target, attacking=attacking, through=through, ambient=chance.random() < 0.5)
 
 
 def odd(chance: Random, each: Configuration) -> Configuration:
@@ -91,7 +91,8 @@ def example() -> str:
     there = NetworkFlows(keystore, read_network(SAMPLES / "networks/turtlesim_clients", keystore, AT))
     ends = {name: End(participants=there.named([name])) for name in ("/random", "/turtlesim")}
     through = there.named(["/zenohd"])
-    question = Question(source=ends["/turtlesim"], target=ends["/random"], attacker=Attacker.RELAYS, through=through)
+    source, target = ends["/turtlesim"], ends["/random"]
+    question = Question(source=source, target=target, attacking=there.participants, through=through)
     text, _atoms = Facts(there, question, ROUTED["zenoh-1.7"]).text()
     return text.replace(f"{SAMPLES}/", "")
 
@@ -131,7 +132,7 @@ def test_names_of_users_stand_in_comments_alone(tmp_path: Path) -> None:
             "one": deployment.session("peer", listen=["tls/localhost:1"], **rules, **deployment.tls(root, "talker"))
         }
         found = flows(Case("", "", there, (), "", ""), read_keystore(root), tmp_path / name)
-        question = Question(source=End(), target=End(), attacker=Attacker.HONEST)
+        question = Question(source=End(), target=End())
         told.append(Facts(found, question, ROUTED["zenoh-1.7"]).text()[0])
     plain, hostile = (re.sub(r"^--.*$|_\w+", "", each, flags=re.MULTILINE) for each in told)
     assert plain == hostile

@@ -59,8 +59,8 @@ class Single:
 
     def _hop(self, sender: Participant, to: Participant, *, certain: bool) -> bool:
         own = [tie for each in sender.sessions for tie in self.asked.rights.links.of(each)]
-        attacks = self.asked.attacks(sender) if sender in self.attacking else ()
-        hears = self.asked.attacks(to) if to in self.listening else ()
+        attacks = self.asked.rights.links.attacks(sender.who) if sender in self.attacking else ()
+        hears = self.asked.rights.links.attacks(to.who) if to in self.listening else ()
         return any(
             self._passes(own, sent, key, key, to, certain)
             or any(self._passes(attacks, sent, key, wide, to, certain) for wide in (key, *WIDER))
@@ -97,9 +97,11 @@ def test_what_single_keys_do_is_a_flow(tmp_path: Path, attacker: Attacker) -> No
         listening = everybody if attacker is Attacker.RELAYS else asked.participants[-1:]
         attacking = [source] if attacker is Attacker.SOURCE else everybody if attacker is Attacker.RELAYS else []
         single = Single(asked, {*attacking}, {*listening})
-        through = tuple(each for each in asked.participants if each.unseen)
         question = Question(
-            source=End(participants=(source,)), target=End(participants=(target,)), attacker=attacker, through=through
+            source=End(participants=(source,)),
+            target=End(participants=(target,)),
+            attacking=asked.participants if attacker is Attacker.RELAYS else tuple(attacking),
+            through=tuple(each for each in asked.participants if each.unseen),
         )
         truth, _hops = found(asked, question, NEWEST)
         told[truth] += 1
@@ -146,7 +148,6 @@ def test_two_hops_on_real_sessions(relay: str, second: str, tmp_path: Path) -> N
     claim = Question(
         source=End(participants=asked.named(["/random"])),
         target=End(participants=asked.named(["/listener"])),
-        attacker=Attacker.HONEST,
     )
     truth, hops = found(asked, claim, NEWEST)
     assert truth is (Truth.YES if second == "yes" else Truth.NO)

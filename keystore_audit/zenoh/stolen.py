@@ -1,0 +1,76 @@
+"""What whoever holds the private key of an enclave can do in a network, without its file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import datetime
+from typing import Final
+
+from msgspec import Struct
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.profiles import Release
+from keystore_audit.truth import Truth
+from keystore_audit.zenoh.answers import plain
+from keystore_audit.zenoh.flow import found, told
+from keystore_audit.zenoh.participants import End, NetworkFlows, Question
+
+HEARS: Final = "hear"
+"""What somebody else has comes to it."""
+REACHES: Final = "reach"
+"""What it has comes to somebody else, while all others keep to their files."""
+
+
+class Opened(Struct, frozen=True, kw_only=True):
+    """One thing that it can do, or perhaps can (`certain`): an operation on the keys of an expression, or HEARS or
+    REACHES somebody, by the `way` told. `places`: what lets it in, hop by hop.
+    """
+
+    does: str
+    name: str
+    certain: bool
+    way: str
+    places: tuple[Location, ...]
+
+
+class StolenAnswer(Struct, frozen=True, kw_only=True):
+    """What the key of enclave `who` opens, by release. `doubts`: why nothing is kept out for certain."""
+
+    who: str
+    at: datetime
+    folder: str
+    include_ambient: bool
+    opened: Mapping[str, tuple[Opened, ...]]
+    doubts: tuple[tuple[Location, str], ...]
+
+    @property
+    def beyond_itself(self) -> bool | None:
+        """Whether it opens anything of somebody else's; None: unknown, as where more may be open than is known."""
+        every = [each.certain for opened in self.opened.values() for each in opened]
+        return None if self.doubts or not all(every) else bool(every)
+
+
+def opened(
+    flows: NetworkFlows, enclave: Enclave, rights: Iterable[tuple[str, str]], release: Release, *, ambient: bool
+) -> Iterator[Opened]:
+    """What its key opens under a release; `rights`: operations on keys that are asked about.
+
+    Raises BudgetExceeded as `flow.found`.
+    """
+
+    def told_of(does: str, name: str, truth: Truth, way: str, places: Iterable[Location | None]) -> Iterator[Opened]:
+        if truth.may:
+            yield Opened(does=does, name=name, certain=truth.must, way=way, places=tuple(filter(None, places)))
+
+    for operation, key in rights:
+        could = flows.rights.could(enclave, operation, key, release)
+        yield from told_of(operation, plain(key), could.truth, "", [could.location])
+    own = End(participants=tuple(each for each in flows.participants if each.who is enclave))
+    for other in (each for each in flows.participants if each.who not in (enclave, None)):
+        their = End(participants=(other,))
+        for does, source, target in ((HEARS, their, own), (REACHES, own, their)):
+            asked = Question(source=source, target=target, attacking=own.participants, ambient=ambient)
+            truth, hops = found(flows, asked, release)
+            way = told(hops) if hops else ""
+            yield from told_of(does, other.label, truth, way, (hop.location for hop in hops))
