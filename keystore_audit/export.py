@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.alloy.export import write_model
+from keystore_audit.engine.alloy.export import write_folders, write_model
 from keystore_audit.engine.alloy.user_file import UserFile, identifier
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.intent.intent import Intent
@@ -15,6 +15,7 @@ from keystore_audit.model.claims.named import NamedPlace
 from keystore_audit.model.intended.observed_rights import wiring
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.profiles import Release
 
 
 def export_model(
@@ -40,6 +41,21 @@ def export_model(
     if meaning.over_budget is not None:
         raise BudgetExceeded(meaning.over_budget)
     write_model(meaning.systems, directory, beside)
+
+
+def export_network(
+    path: str | os.PathLike[str], directory: Path, folder: Path, given: Circumstances, releases: Sequence[Release]
+) -> bool:
+    """Writes that of the files of sessions and routers in `folder`, for each release; whether all could be read.
+
+    Raises as `export_model`.
+    """
+    from keystore_audit.engine.alloy.routed import network_model
+    from keystore_audit.zenoh.participants import flows_in
+
+    flows = flows_in(given.keystore(path), folder, given.at)
+    write_folders({each.name: network_model(flows, each) for each in releases}, directory)
+    return not flows.rights.doubts
 
 
 def _beside(files: Sequence[UserFile], places: Sequence[NamedPlace]) -> dict[str, str]:

@@ -50,7 +50,6 @@ from keystore_audit.settings.claims import place
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from keystore_audit.zenoh.participants import NetworkFlows
     from keystore_audit.zenoh.stolen import StolenAnswer
 
 
@@ -157,8 +156,9 @@ def find_routed_flow(
 ) -> FlowAnswer:
     """The same by the files of sessions and routers there. Raises as `find_flow`, and where there is no such file."""
     from keystore_audit.engine.routed import decide
+    from keystore_audit.zenoh.participants import flows_in
 
-    flows = _network_flows(path, folder, given)
+    flows = flows_in(given.keystore(path), folder, given.at)
     claims = questions(question)
     runs, found = decide(flows, [(flows.asked(each), release) for each in claims for release in releases], engines)
     told = iter(found)
@@ -174,14 +174,6 @@ def find_routed_flow(
         folder=os.fspath(folder),
         unclear=flows.rights.doubts,
     )
-
-
-def _network_flows(path: str | os.PathLike[str], folder: Path, given: Circumstances) -> NetworkFlows:
-    from keystore_audit.zenoh.network import read_network
-    from keystore_audit.zenoh.participants import NetworkFlows
-
-    keystore = given.keystore(path)
-    return NetworkFlows(keystore, read_network(folder, keystore, given.at))
 
 
 def posed(
@@ -277,6 +269,7 @@ def find_routed_radius(
     """
     from keystore_audit.zenoh.answers import channels
     from keystore_audit.zenoh.names import MAX_RIGHTS, rule_domains, written_names
+    from keystore_audit.zenoh.participants import flows_in
     from keystore_audit.zenoh.stolen import StolenAnswer, opened
 
     if who in (Stolen.IDENTITY_CA.value, Stolen.PERMISSIONS_CA.value):
@@ -284,7 +277,7 @@ def find_routed_radius(
             "By files of sessions and routers, whoever holds an identity CA's key is every enclave, and permissions "
             "have no say: ask about an enclave."
         )
-    flows = _network_flows(path, folder, given)
+    flows = flows_in(given.keystore(path), folder, given.at)
     enclave = _enclave(who, flows.keystore)
     rights = [
         right

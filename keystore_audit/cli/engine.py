@@ -14,7 +14,7 @@ from keystore_audit.cli import options as opt
 from keystore_audit.cli import output, types
 from keystore_audit.cli.program import Command, Group
 from keystore_audit.cli.progress import Watch
-from keystore_audit.errors import EngineMissing, UsageError
+from keystore_audit.errors import EXIT_INCOMPLETE, EngineMissing
 from keystore_audit.text import terminal
 
 
@@ -91,6 +91,7 @@ def install_command(source: Path | None) -> int:
     help="Where to; made if it is not there.",
 )
 @opt.interpretation_options
+@opt.network_option
 @opt.file_options
 @opt.observation_options
 @opt.file("--policy", help="An SROS2 policy: the nodes that it is about, and what they are to do.")
@@ -104,26 +105,24 @@ def install_command(source: Path | None) -> int:
 def model_command(keystore: str, directory: Path, **given: Any) -> int:
     """Write the Alloy model of KEYSTORE, ready for the Alloy Analyzer.
 
-    With --graph, --launch or --policy it has the nodes and their wiring too.
+    With --graph, --launch or --policy it has the nodes and their wiring too. With --zenoh it is that of sessions and
+    routers, by release; exit code 4: not all of them could be read.
     """
-    from keystore_audit.export import export_model
+    from keystore_audit.export import export_model, export_network
     from keystore_audit.intent import read_observed
     from keystore_audit.options import user_files
 
-    opt.check_launch_arguments(given["launch_arguments"], given["launches"])
     output.check_outside(directory, (keystore,))
-    files = user_files(given["alloy_properties"], None, (keystore,))
-    arguments = dict(given["launch_arguments"])
-    intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"])
-    try:
-        export_model(
-            keystore,
-            directory,
-            opt.reading(given, opt.named_settings(given, keystore)),
-            intents=intents,
-            files=files,
-        )
-    except OSError as error:
-        raise UsageError(f"Cannot write the model to {directory}: {error.strerror or error}.") from error
+    complete = True
+    if given["network"] is not None:
+        refused = ("domain", "graphs", "launches", "launch_arguments", "policy", "alloy_properties")
+        complete = export_network(keystore, directory, *opt.in_network(given, keystore, *refused))
+    else:
+        opt.check_launch_arguments(given["launch_arguments"], given["launches"])
+        files = user_files(given["alloy_properties"], None, (keystore,))
+        arguments = dict(given["launch_arguments"])
+        intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"])
+        reading = opt.reading(given, opt.named_settings(given, keystore))
+        export_model(keystore, directory, reading, intents=intents, files=files)
     click.echo(f"The model is in {terminal(str(directory))}.", err=True)
-    return 0
+    return 0 if complete else EXIT_INCOMPLETE

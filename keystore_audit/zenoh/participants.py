@@ -8,8 +8,10 @@ may pass is asked of each class; whether it does, of a key that nodes of ROS 2 h
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
 from functools import cache, cached_property
 from itertools import count, product
+from pathlib import Path
 from typing import Final
 
 from msgspec import Struct
@@ -26,7 +28,7 @@ from keystore_audit.model.names import AMBIENT, TOPIC_PREFIX
 from keystore_audit.zenoh.access_control import Key, Kind, Meant
 from keystore_audit.zenoh.answers import EFFECTIVE, rights_in
 from keystore_audit.zenoh.names import rule_domains
-from keystore_audit.zenoh.network import Network, Process, is_session
+from keystore_audit.zenoh.network import Network, Process, is_session, read_network
 
 MAX_WORK: Final = 350_000
 """Processes times participants, and expressions of rules, times these: 10 to 15 s (40 peers, 177 expressions)."""
@@ -188,6 +190,11 @@ class NetworkFlows:
         domain = self._other_domain if first == "*" else first.replace(_PART, "")
         key = "/".join((domain, *(each.replace(_PART, "any").replace("*", "any") for each in rest)))
         return key if domain.isdecimal() and len(rest) >= 3 and VERBATIM not in key else None
+
+
+def flows_in(keystore: Keystore, folder: Path, at: datetime) -> NetworkFlows:
+    """Those by the files there, at an aware instant. Raises errors.NothingToAudit where there are none."""
+    return NetworkFlows(keystore, read_network(folder, keystore, at))
 
 
 def apart_from(does: str, topics: Sequence[str], *, ambient: bool) -> tuple[str, ...]:

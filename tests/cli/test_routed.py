@@ -236,3 +236,16 @@ def test_hostile_folders_are_read_within_bounds(
         if f["code"] == "KA820"
     ]
     assert len(refused) == 2
+
+
+@pytest.mark.parametrize("unread", [False, True])
+def test_a_model_says_what_it_leaves_out(
+    unread: bool, keystore_audit: Run, keys: Path, network: Network, tmp_path: Path
+) -> None:
+    folder = network(talker=peer("talker", **tool(publish="chatter")), **{"more_yaml": "mode: peer"} if unread else {})
+    asked = ("model", keys, "--zenoh", folder, "-o", tmp_path / "model", "--at", AT)
+    assert keystore_audit(*asked, "--domain", "0").returncode == 2
+    assert keystore_audit(*asked).returncode == (4 if unread else 0)
+    written = (tmp_path / "model/zenoh-1.7/asked.als").read_text()
+    assert ("more.yaml: yaml is not read" in written) is unread
+    assert "-- /talker" in (tmp_path / "model/zenoh-1.7/network.als").read_text()

@@ -5,16 +5,15 @@ What the audit itself never asks stands here: paths of flows, and whether nodes 
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from keystore_audit import resources, text
+from keystore_audit import text
 from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.atoms import Atom, Relations, Sort, declare, make_sort, name_atoms
 from keystore_audit.engine.alloy.claims import check, write_places
-from keystore_audit.engine.alloy.facts import CONSISTENCY, KEYSTORE, MAIN, MODULES, facts
+from keystore_audit.engine.alloy.facts import CONSISTENCY, KEYSTORE, MAIN, MODULES, facts, module_texts
 from keystore_audit.errors import UsageError
 from keystore_audit.model.formal.asked import ClaimKind
 from keystore_audit.model.formal.system import System
@@ -105,35 +104,47 @@ def write_model(systems: Sequence[System], directory: Path, beside: Mapping[str,
     anything or cannot be written.
     """
     names = folder_names(systems)
+    several = len(systems) > 1
+    folders = {
+        name if several else "": _files(system, beside or {}) for system, name in zip(systems, names, strict=True)
+    }
+    if several:
+        folders[""] = {README: describe_folders(systems, names)}
+    write_folders(folders, directory)
+
+
+def write_folders(folders: Mapping[str, Mapping[str, str]], directory: Path) -> None:
+    """Write files, texts by name, into folders of the directory, which is made; "" is itself.
+
+    Raises UsageError if the directory holds anything or cannot be written.
+    """
     try:
         directory.mkdir(parents=True, exist_ok=True)
         if any(directory.iterdir()):
             raise UsageError(f"{directory} is not empty: the model goes into a new or an empty directory.")
-        for system, name in zip(systems, names, strict=True):
-            folder = directory / name if len(systems) > 1 else directory
-            folder.mkdir(exist_ok=True)
-            _write_folder(system, folder)
-            for user, content in (beside or {}).items():
-                (folder / f"{VOCABULARY}.als").write_text(write_vocabulary(system), encoding="ascii")
-                (folder / user).write_text(content, encoding="ascii")
-            (folder / README).write_text(describe_system(system), encoding="utf-8")
-        if len(systems) > 1:
-            (directory / README).write_text(describe_folders(systems, names), encoding="utf-8")
+        for folder, files in folders.items():
+            (directory / folder).mkdir(exist_ok=True)
+            for name, content in files.items():
+                (directory / folder / name).write_text(content, encoding="utf-8")
     except OSError as error:
         raise UsageError(f"The model cannot be written to {directory}: {error.strerror or error}.") from error
 
 
-def _write_folder(system: System, folder: Path) -> None:
-    for module in (*MODULES, *claims.MODULES, "propagation.als", SCENARIOS, THEME):
-        shutil.copyfile(resources.alloy() / module, folder / module)
-    (folder / KEYSTORE).write_text(facts(system), encoding="ascii")
-    (folder / MAIN).write_text(commands(PROPERTIES, system, window=True), encoding="ascii")
+def _files(system: System, beside: Mapping[str, str]) -> dict[str, str]:
+    files = {
+        **module_texts((*MODULES, *claims.MODULES, "propagation.als", SCENARIOS, THEME)),
+        KEYSTORE: facts(system),
+        MAIN: commands(PROPERTIES, system, window=True),
+        README: describe_system(system),
+        **beside,
+    }
     if flows := [number for number, claim in enumerate(system.claims) if claim.kind is ClaimKind.NO_FLOW]:
-        (folder / PATHS).write_text(write_paths(system, flows), encoding="ascii")
+        files[PATHS] = write_paths(system, flows)
     if system.nodes:
-        shutil.copyfile(resources.alloy() / MODULE, folder / MODULE)
-        (folder / NODES).write_text(write_nodes(system), encoding="ascii")
-        (folder / APPLICATION).write_text(write_wiring_commands(), encoding="ascii")
+        files |= {**module_texts((MODULE,)), NODES: write_nodes(system), APPLICATION: write_wiring_commands()}
+    if beside:
+        files[f"{VOCABULARY}.als"] = write_vocabulary(system)
+    return files
 
 
 def write_paths(system: System, numbers: Sequence[int]) -> str:

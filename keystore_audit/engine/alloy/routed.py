@@ -19,11 +19,12 @@ from keystore_audit.engine.alloy.solvers import run
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.matching.key_expressions import EVERYTHING, VERBATIM, includes, intersects
 from keystore_audit.profiles import Release
+from keystore_audit.text import alloy_comment
 from keystore_audit.zenoh.access_control import Flow, Kind, Rule
 from keystore_audit.zenoh.configuration import SECURED, Mode
 from keystore_audit.zenoh.flow import walks
 from keystore_audit.zenoh.network import Process
-from keystore_audit.zenoh.participants import OUTSIDER, PUBLISH, SENT, NetworkFlows, Question, apart_from
+from keystore_audit.zenoh.participants import OUTSIDER, PUBLISH, SENT, End, NetworkFlows, Question, apart_from
 
 MODULES: Final = ("routing.als", "routed.als")
 """The hand-written modules: the words, and what is decided."""
@@ -106,6 +107,48 @@ check NothingGetsThrough for 0
 
     files = {**module_texts(MODULES), NETWORK: text, MAIN: question}
     return run([Job(files=files, main=MAIN, commands=COMMANDS, atoms=atoms)], analyzer, read)[0]
+
+
+_WINDOW: Final = f"""/**
+ * For checks of your own about a network: `routing` says what the words mean, comments in `network` who is who. With
+ * `for 0` each is a proof about these files, for nothing is left out that may be. Nothing of Participant0 comes to
+ * Participant1
+ *
+ *   check {{ Participant1 not in Participant0.^tells }} for 0              if nobody attacks
+ *   check {{ Participant1 not in Participant0.(tells + forges).*tells }} for 0    if that one does
+ *   check {{ Participant1 not in Participant0.^(middle.told) }} for 0      if everybody does
+ *
+ * on topics apart from those that nearly every node uses.
+ */
+module asked
+open routing
+open network
+open routed
+
+/** To whom something comes that keeps to its file, or is an outsider who listens. */
+fun tells: Participant -> Participant {{
+	(middle - wide - heard).told + ((middle & heard) - wide).told :> outsider
+}}
+
+/** The same of whoever goes without a file. */
+fun forges: Participant -> Participant {{
+	((middle & wide) - heard).told + (middle & wide & heard).told :> outsider
+}}
+
+run {CONSISTENCY} {{}} for 0
+"""
+
+
+def network_model(flows: NetworkFlows, release: Release) -> dict[str, str]:
+    """The files of a model for the Analyzer's window, by name. What could not be read stands in a comment of MAIN.
+
+    Raises BudgetExceeded as `may_get_through`.
+    """
+    flows.check_size()
+    asked = Question(source=End(), target=End(), attacking=flows.participants)
+    unread = (f"-- Not in this model: {alloy_comment(f'{place}: {why}')}\n" for place, why in flows.rights.doubts)
+    files = {NETWORK: Facts(flows, asked, release).text()[0], MAIN: _WINDOW + "".join(unread)}
+    return {**module_texts(MODULES), **files}
 
 
 class _Sending(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from datetime import datetime, timezone
-from itertools import pairwise
+from itertools import pairwise, permutations
 from pathlib import Path
 from random import Random
 
@@ -20,8 +20,9 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.profiles import ROUTED
 from keystore_audit.zenoh.flow import walks
 from keystore_audit.zenoh.network import read_network
-from keystore_audit.zenoh.participants import OUTSIDER, End, NetworkFlows, Question
+from keystore_audit.zenoh.participants import OUTSIDER, End, NetworkFlows, Question, flows_in
 from tests.amount import tried
+from tests.cli.keystores import run_at
 from tests.engine.alloy_batch import outcomes, shipped
 from tests.oracles.zenoh import deployment
 from tests.oracles.zenoh.cases import Case
@@ -137,3 +138,26 @@ def test_names_of_users_stand_in_comments_alone(tmp_path: Path) -> None:
     plain, hostile = (re.sub(r"^--.*$|_\w+", "", each, flags=re.MULTILINE) for each in told)
     assert plain == hostile
     assert told[1].isascii()
+
+
+@pytest.mark.parametrize("sample", ["turtlesim_clients", "turtlesim_generated"])
+def test_a_written_model_answers_as_flows_do(sample: str, tmp_path: Path) -> None:
+    """By the checks that it shows its readers, of whoever attacks."""
+    root, folder, release = SAMPLES / "zenoh" / sample, SAMPLES / "networks" / sample, ROUTED["zenoh-1.7"]
+    words = ("model", str(root), "--zenoh", str(folder), "-o", "m", "--profile", release.name)
+    assert run_at(tmp_path, *words).returncode == 0
+    written = {each.name: each.read_text() for each in (tmp_path / "m" / release.name).iterdir()}
+    there = flows_in(read_keystore(root), folder, AT)
+    shown = re.findall(r"check ({.*}) for 0", written["asked.als"])
+    expected, checks = {}, []
+    for (n, source), (m, target) in permutations(enumerate(there.participants), 2):
+        for (by, check), attacking in zip(enumerate(shown), ((), (source,), there.participants), strict=True):
+            name = f"From{n}To{m}By{by}"
+            ends = End(participants=(source,)), End(participants=(target,))
+            question = Question(source=ends[0], target=ends[1], attacking=attacking)
+            expected[name] = walks(there, question, release, certain=False).shortest(question) is not None
+            body = check.replace("Participant1", f"Participant_{m}").replace("Participant0", f"Participant{n}")
+            checks.append(f"check {name} {body.replace('Participant_', 'Participant')} for 0")
+    found = outcomes(tmp_path, written | {"asked.als": "\n".join([written["asked.als"], *checks])}, "asked.als")
+    assert found == {"FactsAreConsistent": True, **expected}
+    assert len({*expected.values()}) == 2
