@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from functools import cache
+from typing import TYPE_CHECKING
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.errors import BudgetExceeded, UsageError
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.channels import Point, governed_domains
@@ -18,7 +19,6 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Answer, Question, Usability, joint
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import Profile, Release
-from keystore_audit.text import meant, some
 from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
     from keystore_audit.model.tables.access_table import AccessTable
     from keystore_audit.zenoh.answers import RoutedAnswers, RoutedTable
-
-MAX_KNOWN: Final = 30
-"""Enclaves named in a message about one that there is not; those of a fleet would hide the message."""
 
 
 class Access:
@@ -47,7 +44,7 @@ class Access:
         keystore = given.keystore(path)
         self._profiles = given.profiles
         self._at = given.at
-        self._enclaves = keystore.by_path
+        self._enclave = cache(keystore.enclave)
         self._accesses = given.accesses(keystore)
         points: dict[Point, int] = {}
         for question in questions:
@@ -61,7 +58,7 @@ class Access:
 
     def enclave(self, path: str) -> Enclave:
         """The enclave of that path. Raises UsageError, with the nearest one, for an unknown path."""
-        return _named(path, self._enclaves)
+        return self._enclave(path)
 
     def governed(self, path: str) -> tuple[Interval, ...]:
         """The domains that the enclave's governance covers; none where it was not read."""
@@ -120,12 +117,6 @@ class Access:
         )
 
 
-def _named(path: str, enclaves: Mapping[str, Enclave]) -> Enclave:
-    if path not in enclaves:
-        raise UsageError(f"There is no enclave {path!r}.{meant(path, [*enclaves])} Known: {some(enclaves, MAX_KNOWN)}.")
-    return enclaves[path]
-
-
 def routed(
     path: str | os.PathLike[str],
     words: tuple[str, str, str],
@@ -142,7 +133,7 @@ def routed(
 
     keystore = given.keystore(path)
     named, operation, name = words
-    enclave = _named(named, keystore.by_path)
+    enclave = keystore.enclave(named)
     rights, domain = Rights(read_network(folder, keystore, given.at)), given.domain or 0
     return RoutedAnswers(
         enclave=named,

@@ -25,7 +25,6 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
-from keystore_audit.model.claims.globs import nearest
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.formal.system import System
@@ -237,7 +236,7 @@ def find_blast_radius(
     keystore = given.keystore(path)
     profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
     stolen = Stolen(who) if who in (Stolen.IDENTITY_CA.value, Stolen.PERMISSIONS_CA.value) else Stolen.ENCLAVE
-    enclave = _enclave(who, keystore) if stolen is Stolen.ENCLAVE else None
+    enclave = keystore.enclave(who, "identity-ca, permissions-ca, ") if stolen is Stolen.ENCLAVE else None
     known = ground(keystore, profiles, at, accesses, include_ambient=include_ambient)
     asking = _Asking(known, given.names)
     doubts = (doubt.location for profile in at_work(profiles) for doubt in keystore_doubts(keystore, profile, accesses))
@@ -278,7 +277,7 @@ def find_routed_radius(
             "have no say: ask about an enclave."
         )
     flows = flows_in(given.keystore(path), folder, given.at)
-    enclave = _enclave(who, flows.keystore)
+    enclave = flows.keystore.enclave(who)
     rights = [
         right
         for domain in rule_domains(flows.network)
@@ -295,15 +294,6 @@ def find_routed_radius(
         opened={each.name: tuple(opened(flows, enclave, rights, each, ambient=include_ambient)) for each in releases},
         doubts=flows.rights.doubts,
     )
-
-
-def _enclave(path: str, keystore: Keystore) -> Enclave:
-    if path not in keystore.by_path:
-        hint = nearest(path, [*keystore.by_path])
-        raise UsageError(
-            f"{path!r} is no enclave of this keystore{hint}: expected its path, identity-ca or permissions-ca."
-        )
-    return keystore.by_path[path]
 
 
 class _Asking:

@@ -70,26 +70,21 @@ def command(keystore: str, words: tuple[str, ...], **given: Any) -> int:
       1   some profile denies, or allows a part alone
       4   some profile's answer is unknown
     """  # noqa: D301 - click's mark for lines that stay as they are
-    if given["network"] is not None:
-        return _in_network(keystore, words, given)
-    if given["batch"] is not None:
+    if given["batch"] is not None and given["network"] is None:
         _check_batch(words, given)
         return _batch(keystore, given)
     if len(words) != 3:
         raise click.UsageError("Name ENCLAVE, OPERATION and NAME, e.g. `/talker publish /chatter`.")
-    return _one(keystore, words[0], words[1], words[2], given)
+    return (_one if given["network"] is None else _in_network)(keystore, *words, given)
 
 
-def _in_network(keystore: str, words: Sequence[str], given: dict[str, Any]) -> int:
+def _in_network(keystore: str, enclave: str, operation: str, name: str, given: dict[str, Any]) -> int:
     """Answer by the files of the middleware that routes, by which permissions and partitions do not count."""
     from keystore_audit.access import routed
     from keystore_audit.intent.intent import is_ros_name
     from keystore_audit.report import routed_answer
 
     asked_of = opt.in_network(given, keystore, "batch", "kind", "partitions")
-    if len(words) != 3:
-        raise click.UsageError("Name ENCLAVE, OPERATION and NAME, e.g. `/talker publish /chatter`.")
-    enclave, operation, name = words
     if operation not in ROUTED_OPERATIONS:
         raise click.UsageError(types.unknown(f"{operation!r} is not one of", operation, ROUTED_OPERATIONS))
     if not is_ros_name(name):

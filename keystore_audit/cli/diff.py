@@ -9,6 +9,7 @@ import click
 
 from keystore_audit.cli import options as opt
 from keystore_audit.cli import output, types
+from keystore_audit.cli.flow import exit_code
 from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE
 from keystore_audit.profiles import facts
@@ -140,7 +141,7 @@ def _rolling(old: str, new: str, settings: Settings | None, given: Mapping[str, 
         opt.engines(given),
     )
     output.write_stdout((rolling.json if given["form"] == "json" else rolling.text)(answer))
-    return {"holds": 0, "violated": EXIT_CHANGED}.get(answer.status.value, EXIT_INCOMPLETE)
+    return exit_code(answer.status)
 
 
 def _labels(labels: tuple[str, ...], settings: Settings | None) -> dict[str, Globs] | None:

@@ -32,7 +32,7 @@ from keystore_audit.keystore.unmanaged import (
     read_unmanaged_identities,
 )
 from keystore_audit.keystore.walk import contents, digest, records, uncovered
-from keystore_audit.text import meant
+from keystore_audit.text import meant, some
 
 MAX_FURTHER_KEYS: Final = 64
 """Files with private keys in odd places that are parsed: of the rest it is not said whose key they hold."""
@@ -71,6 +71,10 @@ class Enclave(Struct, frozen=True, kw_only=True, eq=False):
         return file.certificates if file is not None else ()
 
 
+MAX_KNOWN: Final = 30
+"""Enclaves named in a message about one that there is not; those of a fleet would hide the message."""
+
+
 class Keystore(Struct, frozen=True, kw_only=True, eq=False):
     """Everything read below `root` (the path as the user gave it).
 
@@ -105,6 +109,14 @@ class Keystore(Struct, frozen=True, kw_only=True, eq=False):
     def by_path(self) -> dict[str, Enclave]:
         """The enclaves by path, in its order: of those with one path the first."""
         return dict(sorted({each.path: each for each in reversed(self.enclaves)}.items()))
+
+    def enclave(self, path: str, also: str = "") -> Enclave:
+        """The enclave of that path. Raises UsageError, which names the nearest one and what would do `also`."""
+        known = self.by_path
+        if path not in known:
+            every = some(known, MAX_KNOWN)
+            raise UsageError(f"There is no enclave {path!r}.{meant(path, known)} Known: {also}{every}.")
+        return known[path]
 
     @property
     def unread_foreign(self) -> tuple[File, ...]:

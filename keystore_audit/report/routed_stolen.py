@@ -8,7 +8,7 @@ from keystore_audit.report.json import encoded, picked
 from keystore_audit.report.page import by_answer, profiles, wrapped
 from keystore_audit.report.routed_answer import APART, ASSUMED, doubted, unknown
 from keystore_audit.text import instant, terminal
-from keystore_audit.zenoh.stolen import HEARS, REACHES, Opened, StolenAnswer
+from keystore_audit.zenoh.stolen import HEARS, REACHES, StolenAnswer
 
 _WORDS: Final = {
     "publish": "publishes",
@@ -26,15 +26,19 @@ def json(answer: StolenAnswer) -> str:
         "from_compromised": answer.who,
         **picked(answer, "folder", "include_ambient", "beyond_itself"),
         "at": instant(answer.at),
-        "profiles": {name: [*map(_described, opened)] for name, opened in answer.opened.items()},
+        "profiles": {
+            name: [
+                {
+                    **picked(each, "does", "name", "certain", "way"),
+                    "places": [picked(place, "path", "line") for place in each.places],
+                }
+                for each in opened
+            ]
+            for name, opened in answer.opened.items()
+        },
         "unknown": unknown(answer.doubts),
     }
     return encoded(document) + "\n"
-
-
-def _described(each: Opened) -> dict[str, object]:
-    places = [picked(place, "path", "line") for place in each.places]
-    return {**picked(each, "does", "name", "certain", "way"), "places": places}
 
 
 def text(answer: StolenAnswer) -> str:

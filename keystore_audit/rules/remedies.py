@@ -73,7 +73,7 @@ class Filling:
     def __init__(self, keystore: Keystore) -> None:
         """Notes which document is what."""
         self._keystore = keystore
-        self._enclaves: dict[str | None, Enclave] = {each.path: each for each in reversed(keystore.enclaves)}
+        self._enclaves = keystore.by_path
         self._documents = {
             enclave.files.files[role].place: role for enclave in keystore.enclaves for role in _DOCUMENTS[Act.SIGN]
         }
@@ -112,7 +112,7 @@ class Filling:
     def _signed(self, act: Act, enclave: str | None, at: tuple[str, ...]) -> list[str]:
         """The documents that the finding is about; of several, where it names no enclave, all."""
         roles = _DOCUMENTS[act]
-        own = self._enclaves.get(enclave)
+        own = self._enclaves.get(enclave or "")
         files = [own.files.files[role] for role in roles] if own is not None else []
         mine = [file.place for file in files if file.status in (Status.PRESENT, Status.MISSING)]
         if act is Act.EDIT_PERMISSIONS and own is not None:

@@ -11,7 +11,6 @@ from msgspec import Struct
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.profiles import Release
-from keystore_audit.truth import Truth
 from keystore_audit.zenoh.answers import plain
 from keystore_audit.zenoh.flow import found, told
 from keystore_audit.zenoh.participants import End, NetworkFlows, Question
@@ -58,19 +57,17 @@ def opened(
 
     Raises BudgetExceeded as `flow.found`.
     """
-
-    def told_of(does: str, name: str, truth: Truth, way: str, places: Iterable[Location | None]) -> Iterator[Opened]:
-        if truth.may:
-            yield Opened(does=does, name=name, certain=truth.must, way=way, places=tuple(filter(None, places)))
-
     for operation, key in rights:
         could = flows.rights.could(enclave, operation, key, release)
-        yield from told_of(operation, plain(key), could.truth, "", [could.location])
+        if could.truth.may:
+            places = tuple(filter(None, [could.location]))
+            yield Opened(does=operation, name=plain(key), certain=could.truth.must, way="", places=places)
     own = End(participants=tuple(each for each in flows.participants if each.who is enclave))
     for other in (each for each in flows.participants if each.who not in (enclave, None)):
         their = End(participants=(other,))
         for does, source, target in ((HEARS, their, own), (REACHES, own, their)):
             asked = Question(source=source, target=target, attacking=own.participants, ambient=ambient)
             truth, hops = found(flows, asked, release)
-            way = told(hops) if hops else ""
-            yield from told_of(does, other.label, truth, way, (hop.location for hop in hops))
+            if truth.may:
+                way, places = told(hops) if hops else "", tuple(filter(None, (hop.location for hop in hops)))
+                yield Opened(does=does, name=other.label, certain=truth.must, way=way, places=places)

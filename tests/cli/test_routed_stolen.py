@@ -147,7 +147,7 @@ def test_too_many_names_are_not_asked(names: int, keystore_audit: Run, keys: Pat
     [
         ("identity-ca", "ask about an enclave"),
         ("permissions-ca", "permissions have no say"),
-        ("/nobody", "is no enclave of this keystore"),
+        ("/nobody", "There is no enclave"),
     ],
 )
 def test_usage(who: str, said: str, keystore_audit: Run, keys: Path, network: Network) -> None:
