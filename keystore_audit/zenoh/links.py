@@ -108,7 +108,7 @@ class Links:
     @cached_property
     def unseen(self) -> tuple[tuple[Process, Endpoint], ...]:
         """Endpoints that processes connect to, and where none of the network listens."""
-        listening = [end for each in self._network.started for end in each.says.listens]
+        listening = [end for each in self._network.processes for end in each.says.listens]
         return tuple(
             (each, end)
             for each in self._network.started
@@ -129,7 +129,7 @@ class Links:
     def _attacked_by(self, who: Enclave | Process | None) -> Iterator[Tie]:
         certificate = None if who is None else who.certificate if isinstance(who, Process) else who.identity
         started = self._network.started
-        own = [each for each in started if who is not None and who in (each, each.owner)]
+        own = [each for each in self._network.processes if who is not None and who in (each, each.owner)]
         for process in started:
             yield from self._attacks(process, certificate)
         for process in started:

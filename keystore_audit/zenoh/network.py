@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.findings import Location
@@ -29,7 +30,7 @@ from keystore_audit.keystore.walk import below, walk
 from keystore_audit.profiles import facts
 from keystore_audit.text import percent_path
 from keystore_audit.truth import Truth, any_of
-from keystore_audit.zenoh.configuration import Configuration, Endpoint, Mode, Refusal, read_configuration
+from keystore_audit.zenoh.configuration import SECURED, Configuration, Endpoint, Mode, Refusal, read_configuration
 
 _READ: Final = (".json5", ".json")
 _NOT_READ: Final = (".yaml", ".yml", ".toml")
@@ -241,6 +242,7 @@ def _process(file: File, content: bytes, path: str, named: NamedFiles) -> Proces
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         says = Configuration(refusals=(Refusal(line=line, reason="this is not UTF-8"),))
+    says = replace(says, refusals=(*says.refusals, *_unfit_keys(says, named)))
     certificate = _certificate(says, named)
     return Process(
         file=GivenFile.of(path, content),
@@ -249,6 +251,17 @@ def _process(file: File, content: bytes, path: str, named: NamedFiles) -> Proces
         certificate=certificate,
         holds_key=file.holds_private_key,
     )
+
+
+def _unfit_keys(says: Configuration, named: NamedFiles) -> Iterator[Refusal]:
+    """Private keys of others than whose certificate a process listens with, so that it does not start (measured)."""
+    for end in (each for each in says.listens if each.protocol in SECURED):
+        (shown, _line), (said, line) = says.tls(end, "listen_certificate"), says.tls(end, "listen_private_key")
+        found = named.certificates_at(shown) if isinstance(shown, str) else None
+        there, owner = named.key_of(said) if isinstance(said, str) else (False, None)
+        certificate = found.first if found is not None else None
+        if there and certificate is not None and owner is not named.owners.get(certificate.sha256):
+            yield Refusal(line=line or 1, reason="listen_private_key is not the key of listen_certificate")
 
 
 def _certificate(says: Configuration, named: NamedFiles) -> Certificate | None:

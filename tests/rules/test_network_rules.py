@@ -176,7 +176,7 @@ WRONG: Mapping[str, tuple[Change, set[str]]] = {
         lambda root: {
             "named": changed(root, "named", tls={"listen_private_key": f"{root}/enclaves/talker/key.pem"})
         },
-        {"KA816 high"},
+        {"KA816 high", "KA820 high"},
     ),
     "useless": (
         lambda root: {"p521": session("peer", **tls(root, "p521"), **by_name())},

@@ -73,7 +73,12 @@ def _links(root: Path) -> Iterator[Any]:
     yield link("A01", "yes", "random")
     yield link("A02", "no", None)
     yield link("A03", "yes", None, tls(root, "listener", enable_mtls=False))
+    yield link("A04", "yes", "foreign", tls(root, "listener", enable_mtls=False))
     yield link("A05", "no", "foreign")
+    other_root = tls(root, "random", root_ca_certificate=f"{root / 'enclaves/foreign/cert.pem'}")
+    yield link("A06", "no", "random", own=other_root, honest=True)
+    other_key = f"{root / 'enclaves/talker/key.pem'}"
+    yield link("A18", "error", "random", tls(root, "listener", listen_private_key=other_key))
     for name, measured, who in (
         ("A07", "no", "expired"), ("A08", "no", "future"), ("A20", "no", "server"), ("A21", "yes", "client"),
         ("A31", "no", "ca"), ("A32", "yes", "rsa"), ("A34", "yes", "p384"), ("A35", "no", "p521"),
@@ -116,6 +121,7 @@ def _names(root: Path) -> Iterator[Any]:
     yield named("B10", "no", one(["/random"], usernames=["alice"]), ours="unknown")
     yield named("B11", "yes", one(["/talker", "/random"]))
     yield named("B12", "yes", one(None, interfaces=["lo"]), ours="unknown")
+    yield named("B13", "no", one(None, interfaces=["eth9"]), ours="unknown")
     yield named("B14", "yes", one(None, link_protocols=["tls"]))
     yield named("B15", "no", one(None, link_protocols=["quic"]))
     denied = ({"cert_common_names": ["/random"]}, [deny(K, "put")])
@@ -126,6 +132,7 @@ def _names(root: Path) -> Iterator[Any]:
     yield named("B19", "error", one([]))
     yield named("B20", "error", one([""]))
     yield named("B21", "yes", one(None, zids=["ab"]), who=None, own={"id": "ab"})
+    yield named("B22", "no", one(None, zids=["ab"]), who=None, own={"id": "cd"}, ours="yes")  # who attacks chooses it
     yield named("B23", "no", one(["/random "]))
     yield named("C19", "yes", access(denied, default="allow"), key="**")
     yield named("C20", "yes", access(denied, ({}, []), default="allow"))
@@ -153,6 +160,7 @@ def _routers() -> Iterator[Any]:
     yield routed("C03", "no", everybody(allow(K, "put", flows=["ingress"]), rest))
     yield routed("C04", "no", everybody(put, rest, deny(K, "put")))
     yield routed("C05", "no", everybody(deny(K, "put"), put, rest))
+    yield routed("C06", "no", everybody(deny(K, "put"), put, rest, default="allow"))
     yield routed("C07", "no", everybody(deny("0/**", "put"), put, rest))
     yield routed("C09", "yes", access((tcp, [deny(K, "put")]), ({}, [put, rest])))
     yield routed("C10", "yes", access((tcp, [deny(K, "put")]), ({}, [allow("0/other/**")]), default="allow"))
@@ -173,11 +181,13 @@ def _routers() -> Iterator[Any]:
     yield routed("E11", "no", everybody(put, allow("0/**", "query")))
     yield routed("E20", "yes", everybody(deny(K, "put"), rest), "answer")
     yield routed("E04", "no", everybody(allow("0/**", "query", "reply")), "answer")
+    yield routed("E23", "no", everybody(allow("0/chatter/**", "put", "declare_subscriber")), "answer", "0/chatter/**")
     token = "@ros2_lv/0/z/0"
     yield routed("E07", "no", everybody(("allow", [*_TOKENS], None, ["**"])), "token", token, token)
     yield routed("E13", "yes", everybody(("allow", [*_TOKENS], None, ["@ros2_lv/0/**"])), "token", token, token)
     yield routed("G21", "yes", access(({}, [deny("0/**")]), enabled=False))
     yield routed("G24", "yes", access(({}, [deny("0/**")]), default="allow", policies=[]))
+    yield routed("G25", "no", access(({}, [allow("0/**")]), policies=[]))
 
 
 _TOKENS = ("liveliness_token", "liveliness_query", "declare_liveliness_subscriber")
@@ -214,6 +224,12 @@ def _tools() -> Iterator[Any]:
     longer = "0/chatter/secret/T/H"
     yield made("D30", "yes", tool(subscribe="chatter", tail="/**"), None, key=longer, at=longer)
     yield made("D31", "no", listener, None, key=longer, at=longer)
+    deep, deeper = "0/a/b/T/H", "0/a/b/c/T/H"
+    yield made("D33", "yes", tool(subscribe="*", tail="/**"), None, key=deeper, at=deeper)
+    yield made("D34", "no", tool(subscribe="*"), None, key=deep, at=deep)
+    cached = f"{K}/@adv/pub/1/2/3"
+    yield made("E16", "no", tool(publish="chatter", tail="/**"), None, "get", cached, cached)
+    yield made("E19", "no", talker, None, "get", cached, cached)
     yield made("D45", "yes", listener, None, router=True)
     yield made("D46", "no", listener, tool(publish="other"), router=True)
     yield made("E24", "yes", listener, None, "token", "@ros2_lv/0/z/0", "@ros2_lv/0/z/0")
@@ -225,6 +241,7 @@ def _meshes(root: Path) -> Iterator[Any]:
     def meshed(
         name: str, measured: str, who: str, *, router: Configuration | None = None, whom: Configuration | None = None,
         mode: str = "client", gossip: bool = False, does: str = "put", key: str = K, honest: bool = False,
+        of: str = "listener",
     ) -> Any:  # fmt: skip
         def make(a: str, b: str) -> Case:
             shared: dict[str, Any] = {"connect": [f"tls/{a}"], "gossip": gossip}
@@ -233,7 +250,7 @@ def _meshes(root: Path) -> Iterator[Any]:
                 "router": session(
                     "router", listen=[f"tls/{a}"], gossip=gossip, **tls(root, "zenohd"), **(router or {})
                 ),
-                "whom": session(mode, **shared, **listens, **tls(root, "listener"), **(whom or {})),
+                "whom": session(mode, **shared, **listens, **tls(root, of), **(whom or {})),
                 "who": session(mode, **shared, **({"listen": ["tls/127.0.0.1:0"]} if mode == "peer" else {}),
                                **tls(root, who)),
             }  # fmt: skip
@@ -252,6 +269,10 @@ def _meshes(root: Path) -> Iterator[Any]:
     yield meshed("D05", "no", "random", mode="peer", honest=True)
     yield meshed("D35", "no", "random", router=star)
     yield meshed("D36", "yes", "talker", router=star)
+    yield meshed("D37", "no", "random", router=star, does="read", of="talker")
+    yield meshed("D37-listener", "yes", "listener", router=star, does="read", of="talker")
+    yield meshed("D38", "no", "random", router=star, does="read", key="**", of="talker")
+    yield meshed("D40", "yes", "random", router=star, whom=tool(subscribe="chatter"), mode="peer", gossip=True)
     yield meshed("D39", "yes", "random", router=star, mode="peer", gossip=True)
     yield meshed("D21", "no", "talker", whom=access((talker, [allow("0/**")])))
     through = access(({"cert_common_names": ["/zenohd"]}, [allow("0/**")]))
