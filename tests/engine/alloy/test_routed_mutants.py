@@ -12,7 +12,6 @@ from keystore_audit.engine.alloy.facts import module_texts
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.runner import analyzer_of
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.profiles import ROUTED
 from keystore_audit.zenoh.flow import walks
 from keystore_audit.zenoh.participants import OUTSIDER, End, NetworkFlows, Question
@@ -120,10 +119,11 @@ def test_one_network_finds_each_mutant(
     root = sros2(tmp_path / "keys", ("/talker", "/listener", "/random"))
     there = {each: {**tls(root, "random" if each == "second" else each), **file} for each, file in files.items()}
     found = flows(Case("", "", there, (), "", ""), read_keystore(root), tmp_path / "network")
+    begin = end(found, source)
     question = Question(
-        source=end(found, source),
+        source=begin,
         target=end(found, target),
-        attacker=Attacker(attacker),
+        attacking=begin.participants if attacker == "source" else (),
         through=found.named([through] if through else []),
     )
     release = ROUTED["zenoh-1.7"]

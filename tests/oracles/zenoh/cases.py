@@ -59,7 +59,7 @@ def _links(root: Path) -> Iterator[Any]:
         own: Configuration | None = None, protocol: str = "tls", fragment: str = "", connecting: str = "", **more: Any,
     ) -> Any:  # fmt: skip
         def make(a: str, _b: str) -> Case:
-            end = f"{protocol}/{a}"
+            end = f"{protocol}/{a.replace('127.0.0.1', more.get('host', '127.0.0.1'))}"
             secured = tls(root, "listener") if listener is None else listener
             ends = [f"{end}{fragment}", *more.get("besides", ())]
             theirs = session("peer", listen=ends, **secured, **more.get("limits", {}))
@@ -87,6 +87,8 @@ def _links(root: Path) -> Iterator[Any]:
     checking = tls(root, "random", verify_name_on_connect=True)
     yield link("A10", "no", "random", own=checking, honest=True)
     yield link("A11", "yes", "random", tls(root, "named"), checking, honest=True)
+    yield link("A12", "yes", "random", tls(root, "dns"), checking, honest=True, host="localhost")
+    yield link("A14", "no", "random", tls(root, "localhost"), checking, honest=True, host="localhost")
     yield link("A39", "yes", "random", own=checking, honest=True, connecting="#verify_name_on_connect=false")
     yield link("A16", "no", "random", own=tls(root, "random", root_ca_certificate=None), honest=True)
     yield link("A17", "error", "random", tls(root, "listener", root_ca_certificate=None))
@@ -118,6 +120,9 @@ def _names(root: Path) -> Iterator[Any]:
     yield named("B01", "yes", one(["/random"]))
     yield named("B03", "no", one(["/*"]))
     yield named("B04", "no", one(["/Random"]))
+    yield named("B05", "no", one(["/random"]), who="nameless")
+    yield named("B06", "yes", one(None), who="nameless")
+    yield named("B09", "yes", one(["/random"]), who="twin")
     yield named("B10", "no", one(["/random"], usernames=["alice"]), ours="unknown")
     yield named("B11", "yes", one(["/talker", "/random"]))
     yield named("B12", "yes", one(None, interfaces=["lo"]), ours="unknown")

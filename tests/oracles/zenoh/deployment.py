@@ -35,6 +35,10 @@ ODD: Mapping[str, Mapping[str, Any]] = {
     "ca": {"ca": True},
     "client": {"extensions": [_usage(_USES.CLIENT_AUTH)]},
     "server": {"extensions": [_usage(_USES.SERVER_AUTH)]},
+    "nameless": {"subject": x509.Name([x509.NameAttribute(x509.NameOID.ORGANIZATION_NAME, "robots")])},
+    "twin": {"subject": "/random"},
+    "localhost": {"subject": "localhost"},
+    "dns": {"extensions": [(x509.SubjectAlternativeName([x509.DNSName("localhost")]), False)]},
     "named": {"extensions": [(x509.SubjectAlternativeName([x509.IPAddress(ip_address("127.0.0.1"))]), False)]},
 }
 """Enclaves whose certificates are not as sros2 makes them."""
@@ -49,7 +53,8 @@ def keystore(root: Path, **authority: Any) -> Path:
     identity = builder.authority(**authority)
     foreign = builder.authority("foreign")
     for name in ("talker", "listener", "random", "zenohd", "foreign", *ODD):
-        own = builder.certificate(f"/{name}", foreign if name == "foreign" else identity, **ODD.get(name, {}))
+        odd = {"subject": f"/{name}", **ODD.get(name, {})}
+        own = builder.certificate(issuer=foreign if name == "foreign" else identity, **odd)
         document = builder.PERMISSIONS.format(name=f"/{name}").replace(_GRANTED, _ALL_TOPICS).encode()
         builder.write_enclave(root / "enclaves" / name, own, document, identity, identity, builder.GOVERNANCE)
     return root

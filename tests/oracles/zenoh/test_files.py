@@ -56,6 +56,8 @@ FILES = {
     "G28": (ruled(key_exprs=["0//a"]), False),
     "G29": (ruled(key_exprs=["**/**"]), False),
     "G30": ('{"access_control": {"enabled": true, "enabled": false}}', False),
+    "G31": ('{"access_control": {"enabled": false, "enabled": true}}', False),
+    "G33": ('{"access_control": {"enabled": false}, "access_control": {}}', False),
     "G32": ('{"mode": "peer", "mode": "peer"}', False),
     "G35": (section(subjects=[{"id": " "}], policies=[{"rules": ["r"], "subjects": [" "]}]), False),
     "G36": ('{"access_control": null}', False),
