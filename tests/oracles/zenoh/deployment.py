@@ -35,26 +35,30 @@ ODD: Mapping[str, Mapping[str, Any]] = {
     "ca": {"ca": True},
     "client": {"extensions": [_usage(_USES.CLIENT_AUTH)]},
     "server": {"extensions": [_usage(_USES.SERVER_AUTH)]},
+    "named": {"extensions": [(x509.SubjectAlternativeName([x509.IPAddress(ip_address("127.0.0.1"))]), False)]},
+}
+"""Enclaves whose certificates are not as sros2 makes them."""
+
+MISNAMED: Mapping[str, Mapping[str, Any]] = {
     "nameless": {"subject": x509.Name([x509.NameAttribute(x509.NameOID.ORGANIZATION_NAME, "robots")])},
     "twin": {"subject": "/random"},
     "localhost": {"subject": "localhost"},
     "dns": {"extensions": [(x509.SubjectAlternativeName([x509.DNSName("localhost")]), False)]},
-    "named": {"extensions": [(x509.SubjectAlternativeName([x509.IPAddress(ip_address("127.0.0.1"))]), False)]},
 }
-"""Enclaves whose certificates are not as sros2 makes them."""
+"""And those whose names are odd, which no permissions grant anything."""
 
 
 _GRANTED = "<publish><topics><topic>rt/chatter</topic></topics></publish>"
 _ALL_TOPICS = "".join(f"<{each}><topics><topic>rt/*</topic></topics></{each}>" for each in ("publish", "subscribe"))
 
 
-def keystore(root: Path, **authority: Any) -> Path:
+def keystore(root: Path, odd: Mapping[str, Mapping[str, Any]] = ODD, **authority: Any) -> Path:
     """Enclaves /talker, /listener, /random, one of a foreign CA, and the odd ones."""
     identity = builder.authority(**authority)
     foreign = builder.authority("foreign")
-    for name in ("talker", "listener", "random", "zenohd", "foreign", *ODD):
-        odd = {"subject": f"/{name}", **ODD.get(name, {})}
-        own = builder.certificate(issuer=foreign if name == "foreign" else identity, **odd)
+    for name in ("talker", "listener", "random", "zenohd", "foreign", *odd):
+        made = {"subject": f"/{name}", **odd.get(name, {})}
+        own = builder.certificate(issuer=foreign if name == "foreign" else identity, **made)
         document = builder.PERMISSIONS.format(name=f"/{name}").replace(_GRANTED, _ALL_TOPICS).encode()
         builder.write_enclave(root / "enclaves" / name, own, document, identity, identity, builder.GOVERNANCE)
     return root

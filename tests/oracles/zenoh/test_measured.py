@@ -24,7 +24,7 @@ pytestmark = pytest.mark.xdist_group("sessions")  # ports and time: one worker f
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return deployment.keystore(tmp_path_factory.mktemp("keystore"))
+    return deployment.keystore(tmp_path_factory.mktemp("keystore"), deployment.ODD | deployment.MISNAMED)
 
 
 @pytest.fixture(scope="module")
