@@ -84,7 +84,7 @@ def _in_network(keystore: str, enclave: str, operation: str, name: str, given: d
     from keystore_audit.intent.intent import is_ros_name
     from keystore_audit.report import routed_answer
 
-    asked_of = opt.in_network(given, keystore, "batch", "kind", "partitions")
+    asked_of = opt.in_network(given, opt.named_settings(given, keystore), "batch", "kind", "partitions")
     if operation not in ROUTED_OPERATIONS:
         raise click.UsageError(types.unknown(f"{operation!r} is not one of", operation, ROUTED_OPERATIONS))
     if not is_ros_name(name):
@@ -292,7 +292,7 @@ def _network_table(keystore: str, given: dict[str, Any]) -> int:
     from keystore_audit.access import routed_tables
     from keystore_audit.report import routed_access
 
-    network, reading, asked = opt.in_network(given, keystore)
+    network, reading, asked = opt.in_network(given, opt.named_settings(given, keystore))
     (table,) = routed_tables([(keystore, network)], reading, asked)
     render = {"text": routed_access.text, "json": routed_access.json, "csv": routed_access.csv}[given["form"]]
     output.write_stdout(render(table))

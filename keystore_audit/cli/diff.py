@@ -104,18 +104,15 @@ def command(old: str, new: str, **given: Any) -> int:
 
 def _networks(old: str, new: str, settings: Settings | None, given: Mapping[str, Any]) -> int:
     """What the files of sessions and routers let enclaves do, and the exit code."""
-    beside = ("labels", "policy", "rolling", "graphs", "launches", "launch_arguments", "time_zone", "not_assumed")
-    opt.refuse((*beside, "engine", "alloy_jar"), "files of sessions and routers")
+    refused = ("labels", "policy", "rolling", "graphs", "launches", "launch_arguments", "engine", "alloy_jar")
+    folders, reading, asked = opt.in_network(given, settings, *refused, uniform="diff")
     if given["form"] == "markdown":
         raise click.UsageError("What changed in files of sessions and routers is told as text or json.")
     from keystore_audit.access import routed_tables
-    from keystore_audit.profiles import releases
     from keystore_audit.report import routed_access
     from keystore_audit.zenoh.answers import changes
 
-    reading = opt.reading(given, settings, uniform="diff")
-    sides = [*zip((old, new), given["network"], strict=True)]
-    before, after = routed_tables(sides, reading, releases(given["profiles"]))
+    before, after = routed_tables([*zip((old, new), folders, strict=True)], reading, asked)
     found = changes(before, after)
     render = routed_access.changes_json if given["form"] == "json" else routed_access.changes_text
     output.write_stdout(render(before, after, found))

@@ -116,7 +116,8 @@ def model_command(keystore: str, directory: Path, **given: Any) -> int:
     complete = True
     if given["network"] is not None:
         refused = ("domain", "graphs", "launches", "launch_arguments", "policy", "alloy_properties")
-        complete = export_network(keystore, directory, *opt.in_network(given, keystore, *refused))
+        asked_of = opt.in_network(given, opt.named_settings(given, keystore), *refused)
+        complete = export_network(keystore, directory, *asked_of)
     else:
         opt.check_launch_arguments(given["launch_arguments"], given["launches"])
         files = user_files(given["alloy_properties"], None, (keystore,))

@@ -93,7 +93,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     if given["network"] is None:
         answer = find_flow(keystore, question, opt.reading(given, settings), engines=engines)
     else:
-        answer = find_routed_flow(keystore, question, engines, *opt.in_network(given, keystore, "fallen"))
+        answer = find_routed_flow(keystore, question, engines, *opt.in_network(given, settings, "fallen"))
     output.write_stdout(rendered(answer, given["form"]))
     return exit_code(answer.status)
 
@@ -106,13 +106,13 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     from keystore_audit.flow import find_blast_radius, find_routed_radius
     from keystore_audit.report import flow, routed_stolen
 
+    settings = opt.named_settings(given, keystore)
     who, ambient, as_json = given["compromised"], given["include_ambient"], given["form"] == "json"
     if given["network"] is None:
-        reading = opt.reading(given, opt.named_settings(given, keystore))
-        answer = find_blast_radius(keystore, who, reading, include_ambient=ambient)
+        answer = find_blast_radius(keystore, who, opt.reading(given, settings), include_ambient=ambient)
         output.write_stdout((flow.stolen_json if as_json else flow.stolen_text)(answer))
         return exit_code(answer.status)
-    opened = find_routed_radius(keystore, who, *opt.in_network(given, keystore), include_ambient=ambient)
+    opened = find_routed_radius(keystore, who, *opt.in_network(given, settings), include_ambient=ambient)
     output.write_stdout((routed_stolen.json if as_json else routed_stolen.text)(opened))
     return EXIT_INCOMPLETE if opened.beyond_itself is None else int(opened.beyond_itself)
 

@@ -280,14 +280,14 @@ def refuse(names: Collection[str], question: str) -> None:
 
 
 def in_network(
-    given: Mapping[str, Any], keystore: str, *refused: str
-) -> tuple[Path, Circumstances, tuple[Release, ...]]:
-    """The folder of sessions and routers, what else is given, and the releases that are asked about.
+    given: Mapping[str, Any], settings: Settings | None, *refused: str, uniform: str = ""
+) -> tuple[Any, Circumstances, tuple[Release, ...]]:
+    """The folder of sessions and routers (or those of two sides), what else is given, and the releases asked about.
 
-    Raises UsageError for `refused` options and others that say nothing about such files.
+    Raises UsageError for `refused` options and others that say nothing about such files, and as `reading`.
     """
     refuse((*refused, "not_assumed", "time_zone"), "files of sessions and routers")
-    return given["network"], reading(given, named_settings(given, keystore)), releases(given["profiles"])
+    return given["network"], reading(given, settings, uniform=uniform), releases(given["profiles"])
 
 
 def check_launch_arguments(arguments: Collection[object], launches: Collection[Path]) -> None:

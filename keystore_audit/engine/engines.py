@@ -114,14 +114,14 @@ def run_asked(
     runs: list[EngineRun] = []
     answers: dict[str, T] = {}
     if choice == "native":
-        runs.append(_notrun_asked("alloy", "--engine native"))
+        runs.append(_not_run("alloy", "--engine native"))
     else:
         run, found = ask_alloy(ask, engines, stage)
         runs.append(run)
         if found is not None:
             answers["alloy"] = found
     if choice == "alloy":
-        runs.append(_notrun_asked("native", "--engine alloy"))
+        runs.append(_not_run("native", "--engine alloy"))
     else:
         answers["native"] = natively()
         runs.append(NATIVELY)
@@ -167,7 +167,7 @@ NATIVELY: Final = EngineRun(name="native", version=None, status=EngineStatus.OK,
 """The native engine, where it was asked: it always answers."""
 
 
-def _notrun_asked(name: str, reason: str) -> EngineRun:
+def _not_run(name: str, reason: str) -> EngineRun:
     return EngineRun(name=name, version=None, status=EngineStatus.NOT_RUN, reason=reason, required=False)
 
 

@@ -223,7 +223,6 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
         "warnings": [*warnings(report, versions=True)],
         "title": counted(len(causes), "cause"),
         "causes": shown,
-        "fix": lambda finding: f"fix: {finding.fix.short}",
         "more": f"{len(causes) - len(shown)} more below." if len(causes) > len(shown) else "",
         "system": system(overview, weighing, report.properties, paths) if overview is not None else {},
     }

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from msgspec import Struct
 
 from keystore_audit.grouped import gathered, grouped
 from keystore_audit.model.tables.access_rows import label
-from keystore_audit.model.tables.overview import Overview
+from keystore_audit.model.tables.access_table import AccessTable
+from keystore_audit.model.tables.overview import Neighbourhood, Overview
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.report.pictures import fitted
 from keystore_audit.report.view_model import Cause
@@ -52,11 +53,14 @@ def system(
     """Who sends to whom by right, topics with the same ends in one box, with the numbers of causes (from 1) where they
     are about an enclave (of `paths`) or what it does on a topic. Nothing where flows were not worked out.
     """
-    if overview.access is None or overview.undrawn or not overview.neighbourhoods:
+    table = overview.access
+    if table is None or overview.undrawn or not overview.neighbourhoods:
         return {}
     shared = _shared(paths)
-    about = [*_about(overview, causes, properties, shared)]
-    every = sorted(_topics(overview, shared, about), key=lambda each: (not each.marks, each.names))
+    about = [*_about(table, causes, properties, shared)]
+    every = sorted(
+        _topics(table, overview.neighbourhoods, shared, about), key=lambda each: (not each.marks, each.names)
+    )
     shown = sorted(every[:MAX_BOXES], key=lambda each: each.names)
     receiving = {who for each in every for who in each.receivers}
     sending = {*shared.values()} - receiving | {who for each in every for who in each.senders}
@@ -89,11 +93,10 @@ def _shared(paths: Sequence[str]) -> dict[str, str]:
 
 
 def _about(
-    overview: Overview, causes: Sequence[Cause], properties: Sequence[PropertyResult], shared: Mapping[str, str]
+    table: AccessTable, causes: Sequence[Cause], properties: Sequence[PropertyResult], shared: Mapping[str, str]
 ) -> Iterator[_About]:
     """Where the causes are: the enclaves of their findings, and the steps of their counterexamples."""
-    table = overview.access
-    names = {named.topic: label(table, number) for number, named in enumerate(table.names)} if table is not None else {}
+    names = {named.topic: label(table, number) for number, named in enumerate(table.names)}
     answers = {each.prop.id: each.profiles.values() for each in properties}
     for number, cause in enumerate(causes, start=1):
         found = {(each.enclave, "") for each in cause.every if each.enclave is not None}
@@ -103,14 +106,14 @@ def _about(
         yield from sorted({(shared[who], topic, number) for who, topic in found if who in shared})
 
 
-def _topics(overview: Overview, shared: Mapping[str, str], about: Sequence[_About]) -> Iterator[_Topics]:
-    table = overview.access
+def _topics(
+    table: AccessTable, flows: Sequence[Neighbourhood], shared: Mapping[str, str], about: Sequence[_About]
+) -> Iterator[_Topics]:
     ends: dict[str, tuple[set[str], set[str]]] = {topic: (set(), set()) for _who, topic, _number in about if topic}
-    for flow in overview.neighbourhoods:
+    for flow in flows:
         for side, groups in enumerate((flow.outgoing, flow.incoming)):
             for name in (name for each in groups if each.by_right for name in each.names):
-                known = ends.setdefault(label(table, name), (set(), set())) if table is not None else (set(), set())
-                known[side].add(shared.get(flow.path, flow.path))
+                ends.setdefault(label(table, name), (set(), set()))[side].add(shared.get(flow.path, flow.path))
     marks = {topic: gathered((who, number) for who, at, number in about if at == topic) for topic in ends}
     kinds = grouped(ends, lambda topic: (*map(frozenset, ends[topic]), f"{sorted(marks[topic].items())}"))
     for names in kinds.values():
@@ -134,7 +137,7 @@ def _boxes(
     tops: Mapping[str, float], x: int, marks: Mapping[str, Sequence[int]]
 ) -> Iterator[tuple[int, float, str, str]]:
     for name, y in tops.items():
-        yield x, y, _fit(name, SIDE), ", ".join(map(str, sorted({*marks.get(name, ())})[:3]))
+        yield x, y, _fit(name, SIDE), _numbers(marks.get(name, ()))
 
 
 def _edges(
@@ -152,8 +155,12 @@ def _edges(
             yield {
                 "points": (near, begin + ROW / 2, (near + far) / 2, far, end + ROW / 2),
                 "kind": f"{kind} keys" if who in blamed else kind,
-                "mark": ", ".join(map(str, sorted({*topics.marks.get(who, ())})[:3])),
+                "mark": _numbers(topics.marks.get(who, ())),
             }
+
+
+def _numbers(marks: Iterable[int]) -> str:
+    return ", ".join(map(str, sorted({*marks})[:3]))
 
 
 def _words(names: Sequence[str]) -> str:

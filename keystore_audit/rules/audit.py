@@ -189,18 +189,18 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
         profiles=profiles,
         undecided=True,
         key="\n".join(ids),
-        remedy=_undecided_remedy(result, context),
+        remedy=_undecided_remedy(result, context, why),
         shared=len(alike) > 1,
         properties=ids,
     )
 
 
-def _undecided_remedy(result: PropertyResult, context: Context) -> Remedy | None:
+def _undecided_remedy(result: PropertyResult, context: Context, why: str) -> Remedy | None:
     if _without_alloy(result, context):
         return _WITH_ALLOY
     if isinstance(result, AssertedResult) and result.reason:  # of determinism
         return _WITH_FORWARDS
-    return _ONE_IMPLEMENTATION if _why(result, context) == _BETWEEN else None
+    return _ONE_IMPLEMENTATION if why == _BETWEEN else None
 
 
 def _is_ours(result: PropertyResult) -> bool:

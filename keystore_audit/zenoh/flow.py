@@ -68,8 +68,7 @@ class Sent(Struct, frozen=True, kw_only=True, eq=False):
 
 def _alike(process: Process, keys: Keys) -> tuple[tuple[Key, int], ...]:
     """The classes (bits) that all rules of a process take for alike, by what messages of one of them are about."""
-    access = process.says.access
-    rules = {(text, rule.allow) for rule in (access.rules if access is not None else ()) for text, _line in rule.keys}
+    rules = {(text, rule.allow) for rule in process.says.rules for text, _line in rule.keys}
     found: dict[tuple[Truth, ...], tuple[Key, int]] = {}
     for number, key in enumerate(keys.every):
         told = tuple(key.has(text, allow=allow) for text, allow in rules)

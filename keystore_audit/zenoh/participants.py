@@ -147,8 +147,7 @@ class NetworkFlows:
     @cached_property
     def _written(self) -> dict[tuple[str, bool], frozenset[str]]:
         """What rules are about, by expression and whether they allow it, and of which kinds of messages."""
-        access = (each.says.access for each in self.network.started)
-        rules = [rule for each in access if each is not None for rule in each.rules]
+        rules = [rule for each in self.network.started for rule in each.says.rules]
         found = gathered(((text, rule.allow), rule.kinds) for rule in rules for text, _line in rule.keys)
         return {said: frozenset[str]().union(*kinds) for said, kinds in found.items()}
 
