@@ -21,7 +21,7 @@ from keystore_audit.rules import RULES  # noqa: E402
 from keystore_audit.rules.registry import Rule  # noqa: E402
 from tools.samples import catalogue  # noqa: E402
 from tools.samples.made_at_test_time import RECIPES  # noqa: E402
-from tools.samples.story import Story  # noqa: E402
+from tools.samples.story import AT, Story  # noqa: E402
 
 PAGES: Final = ROOT / "docs" / "rules"
 INDEX: Final = "README.md"
@@ -38,9 +38,23 @@ def pages() -> Mapping[str, str]:
 
 def index() -> str:
     """Return the list of all properties, and of all rules by family."""
-    lines = ["# Rules and properties", "", "Written from the registry by `python tools/rule_pages.py`; "]
-    lines[-1] += "`keystore-audit explain CODE` says the same of one."
-    lines += ["", "## Properties", "", "What is decided of every keystore, by both engines.", ""]
+    lines = [
+        "# Rules and properties",
+        "",
+        "`keystore-audit explain CODE` prints the page of one. A finding can say another severity than its page.",
+        "[Accept a finding](../settings.md#accepted-findings) until a day, if you cannot fix it now.",
+        "",
+        "Try a sample in `sample_keystores/`, with the options that its page names:",
+        "",
+        "```sh",
+        f"keystore-audit rules/{RULES[0].code}-{RULES[0].name}/bad --at {AT}",
+        "```",
+        "",
+        "## Properties",
+        "",
+        "Both engines decide these of every keystore ([definitions](../model.md)).",
+        "",
+    ]
     lines += ["| property | page | statement |", "|---|---|---|"]
     codes = {rule.name: rule.code for rule in RULES}
     lines += [f"| {prop.id} | [{codes[prop.id]}]({codes[prop.id]}.md) | {prop.statement} |" for prop in BY_ID.values()]
@@ -57,35 +71,15 @@ def index() -> str:
 
 
 def page(rule: Rule[Any], stories: list[Story]) -> str:
-    """Return the page of one rule: what, why, clause, remedy and samples."""
-    what, _, why = rule.description.partition("\n\n")
-    family = f"[{rule.family}: {FAMILIES[rule.family]}]({INDEX})"
-    lines = [
-        f"# {rule.code} {rule.name}",
-        "",
-        f"Severity: {rule.severity.value}, unless a finding says otherwise. {family}",
-    ]
-    lines += ["", what, ""]
+    """Return the page of one rule: what, why, fix, clause and samples."""
+    lines = [f"# {rule.code} {rule.name}", "", f"Severity: {rule.severity.value}.", "", rule.description, ""]
     prop = BY_ID.get(rule.name)
     if prop is not None:
-        lines += [
-            "## Property",
-            "",
-            f"{prop.statement} Attacker: {prop.attacker}. Definition: [model](../model.md).",
-            "",
-        ]
-    if why:
-        lines += ["## Why, and what it does not see", "", why, ""]
-    lines += ["## Clause", "", rule.clause, "", "## What to do", "", rule.remedy.text, ""]
-    if rule.family != "KA9":
-        lines += ["To accept it until a day: [accepted findings](../settings.md#accepted-findings).", ""]
+        statement = [] if rule.description.startswith(prop.statement) else [prop.statement]
+        lines += ["## Property", "", " ".join([*statement, f"Attacker: {prop.attacker}."]), ""]
+    lines += ["## Fix", "", rule.remedy.text, "", "## Clause", "", rule.clause, ""]
     if rule.explains:
-        lines += [
-            "## What may follow",
-            "",
-            f"It is a cause of violated properties: {', '.join(sorted(rule.explains))}.",
-            "",
-        ]
+        lines += ["## Can violate", "", f"{', '.join(sorted(rule.explains))}.", ""]
     lines += [*_samples(rule, stories)]
     return "\n".join(lines).rstrip("\n") + "\n"
 
@@ -97,16 +91,10 @@ def _samples(rule: Rule[Any], stories: list[Story]) -> Iterator[str]:
     yield ""
     if not stories:
         yield "Made by the tests (`tools/samples/made_at_test_time.py`): git cannot hold them."
-        return
     for story in stories:
         side = story.directory.rpartition("/")[2].capitalize()
-        yield f"**{side}:** {story.text} [Files](../../sample_keystores/{story.directory})"
-        yield ""
-        yield "```sh"
-        yield " ".join(["keystore-audit", story.directory, "--at", story.at, *map(quote, story.options)])
-        yield "```"
-        yield ""
-    yield f"Run {'these' if len(stories) > 1 else 'this'} in `sample_keystores/`."
+        more = f" Options: `{' '.join(map(quote, story.options))}`." if story.options else ""
+        yield f"- [{side}](../../sample_keystores/{story.directory}): {story.text}{more}"
 
 
 def main() -> int:

@@ -30,7 +30,7 @@ PLAINER: Final = {
     r"hangs on": "depends on",
 }
 _HARD: Final = [(re.compile(rf"\b(?:{word})\b", re.IGNORECASE), plain) for word, plain in PLAINER.items()]
-_CODE: Final = re.compile(r"^ *```.*?^ *```", re.DOTALL | re.MULTILINE)
+_CODE: Final = re.compile(r"^ *```.*?^ *```|\x08.*?(?:\n\s*\n|\Z)", re.DOTALL | re.MULTILINE)  # \b: click's lists
 _LINK: Final = re.compile(r"!?\[([^\]]*)\]\([^)]*\)")
 _LITERAL: Final = re.compile(r"`[^`\n]+`|<!--.*?-->")
 _BLOCK: Final = re.compile(r"\n\s*\n|\n\s*(?:[-*] |\d+\. |#+ )|\|")
@@ -42,7 +42,7 @@ def sentences(text: str) -> Iterator[str]:
     plain = _LITERAL.sub("X", _LINK.sub(r"\1", _CODE.sub("\n\n", text)))
     for block in _BLOCK.split("\n" + plain):
         for sentence in _END.split(" ".join(block.split())):
-            if sentence:
+            if sentence and "$" not in sentence:  # a script that is written
                 yield sentence
 
 

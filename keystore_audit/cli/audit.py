@@ -46,7 +46,7 @@ FILE_NAME: Final = "keystore-audit.toml"
 
 settings_option = opt.file(
     "--settings",
-    help=f"What is asserted of the keystore (else ./{FILE_NAME}, save in CI, with --deployed and for statements).",
+    help=f"What is asserted of the keystore (else ./{FILE_NAME}, except in CI, with --deployed and for statements).",
 )
 
 

@@ -35,10 +35,10 @@ MIN_PART: Final = 3
 def command(word: str, keystore: str | None, **given: Any) -> int:
     """Explain a rule or property: why it matters, its clause, and what to do.
 
-    CODE-OR-NAME is a rule's code or name; a property's id is the name of its rule. What a code begins with, or a part
-    of a name (KA2, one-ca), lists the rules that fit. With --for KEYSTORE it prints a script instead, to be read and
-    then run where the private keys are; a finding that the keystore does not have is exit code 1. The other options
-    are those of the audit that found it.
+    CODE-OR-NAME is a rule's code or name; a property's id is the name of its rule. The beginning of a code or a part
+    of a name (KA2, one-ca) lists the rules that fit. With --for KEYSTORE it prints a script instead. Read it, then run
+    it where the private keys are. The exit code is 1 if the keystore does not have the finding. The other options are
+    those of the audit that found it.
     """
     from keystore_audit.properties import BY_ID
     from keystore_audit.rules import RULES

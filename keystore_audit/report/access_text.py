@@ -1,7 +1,7 @@
 """The access table for people: who may do what, topics by what protects them, enclaves by namespace.
 
-The first thing said is where implementations differ; then the table that most of them share, in matrices that fit on a
-page: enclaves that may do the same are one column. Names are escaped here.
+First comes where implementations differ, then the table that most of them share. Its matrices fit on a page, since
+enclaves that may do the same are one column. Names are escaped here.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def _csv_rows(table: AccessTable, group: Group) -> Iterator[tuple[str, ...]]:
 
 LEGEND: Final = (
     "pub, sub, relay: publish, subscribe, relay a topic. req, rep: call, serve a service. call, exec: use, execute an "
-    "action: all of its topics and services. ?: cannot be told. -: its participant does not start."
+    "action (all its topics and services). ?: cannot be told. -: its participant does not start."
 )
 OWN_LEGEND: Final = " ~: the enclave's own name."
 MANY: Final = 12

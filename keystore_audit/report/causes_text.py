@@ -1,7 +1,7 @@
 """Causes in the report for people, worst first over the whole keystore: in short, or with all that is known of them.
 
-In short, a cause that fails the gate, leaves the audit open or is at least high has all of its message, its places, the
-line of the document and one line to type; a medium one has about four lines, lesser ones share a line.
+A cause is shown in full if it is high or worse, fails the gate or leaves the audit open. That is its message, places,
+the line of the document and one line to type. A medium one has about four lines, lesser ones share a line.
 """
 
 from __future__ import annotations
@@ -218,7 +218,7 @@ def _so(page: Page, cause: Cause, consequences: Consequences) -> None:
         page.labelled("so", f"{example}; {number} from it: {codes}", indent=2, column=6)
     if cause.stay:
         codes = some(dict.fromkeys(each.code for each in cause.stay), MAX_PLACES)
-        page.labelled("so", f"{codes} too, which have other causes besides and stay", indent=2, column=6)
+        page.labelled("so", f"{codes} too, which have other causes as well and stay", indent=2, column=6)
 
 
 def _lesser(page: Page, causes: Sequence[Cause]) -> None:

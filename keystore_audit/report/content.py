@@ -57,13 +57,12 @@ OTHERWISE_MIXED: Final = "Fleets that are mixed otherwise than [enclaves] declar
 
 NOT_CHECKED: Final = {
     MIXED: (
-        "Robots of several DDS implementations together: each profile is judged as if all ran it, and what one lets "
-        "out and another takes in may be more than either alone."
+        "Robots of several DDS implementations together: each profile is judged as if all ran it. What one sends and "
+        "another accepts may be more than either alone."
     ),
     "file ownership": (
-        "Who may write the files and directories but for their modes in this directory (owners, members of groups, "
-        "access control lists, folders above): whoever can on a robot puts authorities and documents of his own in "
-        "their place."
+        "Who may write the files and directories, apart from their modes here: owners, groups, access control lists, "
+        "folders above. Who can write them on a robot can replace authorities and documents."
     ),
     "what handshakes tell listeners": (
         "What participants tell whoever listens: their enclave's name in clear, and in the handshake the whole "
@@ -120,8 +119,9 @@ class Anchor(Struct, frozen=True, kw_only=True):
 
 
 class Anchors(Struct, frozen=True, kw_only=True):
-    """Who is trusted in a role (`identity` or `permissions`): the fingerprints `declared`, and which of the authorities
-    of the CA files have them; where none are declared, the one found.
+    """Who is trusted in a role (`identity` or `permissions`): the fingerprints `declared` and the authorities `here`.
+
+    These are those of the CA files that were declared; where none were, the one found.
     """
 
     role: str
@@ -328,14 +328,14 @@ def unread(keystore: Keystore) -> Iterator[str]:
     files = keystore.unread_foreign
     if files:
         yield (
-            f"{counted(len(files), 'file')} that could not be read and that nobody accepted, {files[0].place} first: "
-            "what is said here holds if no key, certificate or document is in there, and no statement passes."
+            f"{counted(len(files), 'file')} that could not be read and that nobody accepted, {files[0].place} first. "
+            "This report holds if they contain no key, certificate or document. No statement passes."
         )
     uncovered = keystore.uncovered
     if uncovered:
         yield (
-            f"{len(uncovered)} files or directories whose content is in no digest, since they could not be read or are "
-            f"too large, {uncovered[0]} first: what is put there later changes no digest, and no statement passes."
+            f"{len(uncovered)} files or directories are in no digest, {uncovered[0]} first: they could not be read or are "
+            "too large. A later change there changes no digest. No statement passes."
         )
 
 

@@ -72,8 +72,8 @@ _LISTED: Final = ("identity CA", "permissions CA", "revoked", "private key")
 """Aspects of which only what came and what went is told."""
 
 REMEDY: Final = (
-    "Peers of NEW take what was signed before, so nothing is gone: re-issue the identity under another subject and "
-    "revoke the old one, sign with another permissions CA, or let the grant end."
+    "Peers of NEW still accept what was signed before, so nothing is gone. Re-issue the identity under another subject "
+    "and revoke the old one, sign with another permissions CA, or let the grant end."
 )
 
 _PATH, _ABOVE = "\0", "\1"
@@ -201,8 +201,8 @@ def _by_layer(comparison: Comparison) -> Iterator[tuple[Layer, Sequence[tuple[Ch
 def alike(changes: Iterable[Change]) -> Sequence[tuple[Change, Sequence[str]]]:
     """Each change that is not like one before it, with the enclaves of those that are.
 
-    Two are alike where each is the other with its path, or the path above it, put for that of the other in every name;
-    whole segments of it, since nobody sees the path /a in /arm.
+    Two are alike if one becomes the other when its path, or the path above, is replaced in every name. Only whole
+    segments are replaced: /a is no part of /arm.
     """
     kinds = grouped(changes, _form).values()
     return [(first, tuple(path for each in others for path in each.enclaves)) for first, *others in kinds]

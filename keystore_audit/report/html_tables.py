@@ -78,7 +78,7 @@ class Sheet:
 
 
 def access(sheet: Sheet, overview: Overview) -> Mapping[str, Any]:
-    """The matrices of the profiles that most answers are shared by, and what peers take besides."""
+    """The matrices of the profiles that share most answers, and what peers accept beyond them."""
     table = overview.access
     if table is None:
         return {"refused": overview.refused}

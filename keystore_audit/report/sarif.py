@@ -1,7 +1,7 @@
 """The report as SARIF 2.1.0 (OASIS, errata 01), as code scanning services take it.
 
-One run for each keystore. Pure ASCII, and the same bytes for the same value. What the services limit (results, places,
-steps, bytes) is cut from the end, since findings come worst first, and the cut is said in the run's notifications.
+One run for each keystore. Pure ASCII, and the same bytes for the same value. Services limit results, places, steps and
+bytes. What is beyond is cut from the end, since findings come worst first, and a notification of the run says so.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The shell script that does what the steps of findings say, in the layout that sros2 makes since Foxy.
 
-It is made for one keystore in one state: it holds the digest of every public file that it reads or replaces, and what
-each link says, and stops before its first write where one of them is another now. So a second run, an exchanged link or
-a keystore that somebody edited meanwhile changes nothing. All new files are made in a folder below the keystore's root
-(to another file system nothing is moved in one step), then moved into their places; where a command fails, the old ones
-are moved back. Names are never source text: each is one word (`_Words`), and every path begins with a folder's name, so
+It is made for one keystore in one state. It holds the digest of every public file that it reads or replaces, and the
+target of each link. It stops before its first write if one of them differs now. So a second run, an exchanged link or a
+keystore edited meanwhile changes nothing. All new files are made in a folder below the keystore's root, since a
+move is one step only within a file system. Then they are moved into their places; where a command fails, the old ones
+are moved back. Names are never source text: each is one word (`_Words`). Every path begins with a folder's name, so
 that none is an option.
 """
 
@@ -98,8 +98,10 @@ def _raw(path: str) -> bytes:
 
 
 class _Words:
-    """Names as single words of a shell: in quotes, or, where a terminal might obey one, in a variable that printf fills
-    (POSIX.1-2017, printf: octal escapes), with a mark behind, since the shell drops line ends there.
+    """Names as single words of a shell, in quotes.
+
+    A name that a terminal might obey is in a variable that printf fills (POSIX.1-2017, printf: octal escapes). A mark
+    stands behind it, since the shell drops line ends there.
     """
 
     def __init__(self) -> None:

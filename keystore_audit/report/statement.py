@@ -2,10 +2,9 @@
 
 Subjects are the files with the SHA-256 of the bytes that were read. Two predicates (in-toto attestation
 framework, spec/predicates): `test-result/v0.1`, which can tell of a failure, and `svr/v0.2`, whose properties are those
-that hold. An incomplete audit never passes in either. One whose gate was weakened is WARNED at best, and so is one of a
-keystore with files that nobody hashed, since what they hold later would go unseen, or that nobody read, and one of
-authorities that nobody declared, since whoever could write in the folder chose them. One of a narrower scope than all
-that supported distributions ship attests the pass in that scope, and nothing else.
+that hold. An incomplete audit never passes in either. It is WARNED at best if the gate was weakened, if files were not
+hashed or not read, or if authorities were not declared. A later change of such files would go unseen, and who could
+write in the folder chose such authorities. With a narrower scope than what supported distributions ship, it attests the pass in that scope alone.
 """
 
 from __future__ import annotations

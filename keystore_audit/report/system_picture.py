@@ -50,8 +50,10 @@ class _Topics(Struct, frozen=True, kw_only=True):
 def system(
     overview: Overview, causes: Sequence[Cause], properties: Sequence[PropertyResult], paths: Sequence[str]
 ) -> Mapping[str, Any]:
-    """Who sends to whom by right, topics with the same ends in one box, with the numbers of causes (from 1) where they
-    are about an enclave (of `paths`) or what it does on a topic. Nothing where flows were not worked out.
+    """Who sends to whom by right, with topics of the same ends in one box.
+
+    Numbers (from 1) are those of causes that are about an enclave of `paths`, or about what it does on a topic.
+    Nothing where flows were not worked out.
     """
     table = overview.access
     if table is None or overview.undrawn or not overview.neighbourhoods:

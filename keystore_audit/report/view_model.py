@@ -1,5 +1,6 @@
-"""What every format for people tells of a report, worked out once: causes with what follows from them, who starts, what
-the verdict rests on, and what makes it reach less far than it seems to.
+"""What every format for people tells of a report, worked out once.
+
+Causes with what follows from them, who starts, what the verdict rests on, and what limits it.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ class Cause(Struct, frozen=True, kw_only=True):
 class Consequences:
     """The findings that `explained_by` hangs under others, for every format that people read.
 
-    Each hangs under the first of its causes that the format shows: one whose causes are all hidden
-    (`--min-severity`), accepted or unknown is told by itself, so that it never disappears.
+    Each hangs under the first of its causes that the format shows. It stands by itself, so that it never disappears,
+    if all its causes are hidden (`--min-severity`), accepted or unknown.
     """
 
     def __init__(self, shown: Sequence[Finding], properties: Sequence[PropertyResult]) -> None:
