@@ -334,8 +334,8 @@ def unread(keystore: Keystore) -> Iterator[str]:
     uncovered = keystore.uncovered
     if uncovered:
         yield (
-            f"{len(uncovered)} files or directories are in no digest, {uncovered[0]} first: they could not be read or are "
-            "too large. A later change there changes no digest. No statement passes."
+            f"{len(uncovered)} files or directories are in no digest, {uncovered[0]} first: they could not be read or "
+            "are too large. A later change there changes no digest. No statement passes."
         )
 
 

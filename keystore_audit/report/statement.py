@@ -2,9 +2,10 @@
 
 Subjects are the files with the SHA-256 of the bytes that were read. Two predicates (in-toto attestation
 framework, spec/predicates): `test-result/v0.1`, which can tell of a failure, and `svr/v0.2`, whose properties are those
-that hold. An incomplete audit never passes in either. It is WARNED at best if the gate was weakened, if files were not
-hashed or not read, or if authorities were not declared. A later change of such files would go unseen, and who could
-write in the folder chose such authorities. With a narrower scope than what supported distributions ship, it attests the pass in that scope alone.
+that hold. An incomplete audit never passes in either. It is WARNED at best if the gate
+was weakened, if files were not hashed or not read, or if authorities were not declared. A later change of such files
+would go unseen; who could write in the folder chose such authorities. With a narrower scope than what supported
+distributions ship, it attests the pass in that scope alone.
 """
 
 from __future__ import annotations

@@ -60,7 +60,10 @@ def test_without_a_word_of_it_a_right_that_stays_in_use_is_medium(stores: Any, t
     for kind in ("text", "markdown"):
         _code, out = answer("diff", tmp_path / "old", tmp_path / "new", "--at", AT, "-f", kind)
         flat = " ".join(out.replace("\\", "").split())
-        assert "medium: still effective until 2033-12-29T00:00:00Z. Peers of NEW still accept what was signed before" in flat
+        assert (
+            "medium: still effective until 2033-12-29T00:00:00Z. Peers of NEW still accept what was signed before"
+            in flat
+        )
         assert "no longer publish" not in flat
     assert "revoke" in lost["remedy"]
 
