@@ -8,7 +8,6 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.channels import Point, governed_domains
@@ -156,43 +155,21 @@ def routed_tables(
 
     Raises errors.NothingToAudit where there is no keystore or no such file, errors.BudgetExceeded for too many rights.
     """
-    from keystore_audit.zenoh.answers import Rights, RoutedRight, RoutedTable
-    from keystore_audit.zenoh.names import MAX_RIGHTS, written_names
+    from keystore_audit.zenoh.answers import routed_table
+    from keystore_audit.zenoh.names import written_names
     from keystore_audit.zenoh.network import read_network
 
-    keystores, domain = [given.keystore(path) for path, _folder in sides], given.domain or 0
+    domain = given.domain or 0
+    keystores = [given.keystore(path) for path, _folder in sides]
     networks = [
         read_network(folder, keystore, given.at) for (_p, folder), keystore in zip(sides, keystores, strict=True)
     ]
-    named = [written_names(*side, domain) for side in zip(keystores, networks, strict=True)]
-    asked = dict.fromkeys(right for each in named for right in each.rights)
-    if any(len(asked) * len(keystore.enclaves) > MAX_RIGHTS for keystore in keystores):
-        raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named: ask with `can`.")
-    tables = []
-    for keystore, network, names in zip(keystores, networks, named, strict=True):
-        rights = Rights(network)
-        found = tuple(
-            RoutedRight(
-                enclave=enclave.path,
-                operation=operation,
-                name=name,
-                answers={each.name: rights.answer(enclave, operation, name, domain, each) for each in releases},
-            )
-            for enclave in keystore.enclaves
-            for operation, name in asked
-        )
-        tables.append(
-            RoutedTable(
-                domain=domain,
-                at=given.at,
-                folder=network.path,
-                releases=tuple(each.name for each in releases),
-                rights=found,
-                patterns=names.patterns,
-                doubts=rights.doubts,
-            )
-        )
-    return tuple(tables)
+    named = (written_names(*side, domain) for side in zip(keystores, networks, strict=True))
+    asked = tuple(dict.fromkeys(right for each in named for right in each.rights))
+    return tuple(
+        routed_table(keystore, network, domain, given.at, releases, asked)
+        for keystore, network in zip(keystores, networks, strict=True)
+    )
 
 
 def read_access_table(path: str | os.PathLike[str], given: Circumstances) -> AccessTable:

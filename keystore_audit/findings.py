@@ -202,7 +202,8 @@ class Finding(Struct, frozen=True, kw_only=True):
     (empty: all). `explained_by` holds fingerprints of the findings that are its cause. `undecided`: something stays
     unknown because of it, so the audit is incomplete. `properties`: of a rule about any property, the ids of those that
     it is about. `fix`: what to do, with the files of this keystore. `fingerprint`: which finding
-    it is; `meaning`: a digest of what it is about, which changes where more is to be accepted.
+    it is; `meaning`: a digest of what it is about, which changes where more is to be accepted. `sent`: the sender and
+    the name of ROS 2 of what can be sent by this defect, for pictures.
     """
 
     code: str
@@ -219,6 +220,7 @@ class Finding(Struct, frozen=True, kw_only=True):
     meaning: str = ""
     undecided: bool = False
     properties: tuple[str, ...] = ()
+    sent: tuple[tuple[str, str], ...] = ()
     suppressed: Suppressed | None = None
 
     def fails(self, gate: Severity | None) -> bool:

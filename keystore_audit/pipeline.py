@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from keystore_audit.engine.engines import (
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.engine.needs import solved_again, taken_for_granted, with_needs, with_rounds, with_sessions
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.gate import (
     assumptions,
     complete,
@@ -69,6 +71,8 @@ from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Context, listed
 from keystore_audit.settings.suppressions import accepted_by
+from keystore_audit.zenoh.answers import routed_table
+from keystore_audit.zenoh.network import read_network
 
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
@@ -76,7 +80,6 @@ if TYPE_CHECKING:
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
     from keystore_audit.model.intended.observed_rights import WiredNode
-    from keystore_audit.zenoh.network import Network
 
 
 def audit(
@@ -105,7 +108,7 @@ def audit(
     declared = options.settings.declared if options.settings else None
     enclaves = progress.enclaves if progress else None
     keystore = read_keystore(path, progress=enclaves, declared=options.files)
-    network = _network(options, keystore)
+    network = read_network(options.network, keystore, options.at) if options.network is not None else None
     if progress:
         progress.stage("working out what the documents mean")
     assumed = EVERY.difference(options.not_assumed)
@@ -190,7 +193,11 @@ def _drawn(report: Report, context: Context, accesses: AccessViews, options: Opt
         from keystore_audit.model.tables import overview
 
         seen = overview.overview(*about, options.domain, systems)
-    return replace(report, blast_radius=ranked, overview=seen)
+    routed = None
+    if options.overview and context.network is not None:
+        with suppress(BudgetExceeded):
+            routed = routed_table(context.keystore, context.network, options.domain or 0, options.at, context.releases)
+    return replace(report, blast_radius=ranked, overview=seen, routed=routed)
 
 
 def _as_started(options: Options, environment: Environment) -> Options:
@@ -286,6 +293,7 @@ def _report(
         outcomes=judgement.outcomes,
         checked=_checked(context),
         scope=scope,
+        network=context.network.path if context.network is not None else "",
         others=tuple(p.name for p in context.profiles if p.name not in {each.name for each in context.fleets}),
         deployed=options.deployed,
         domain=options.domain,
@@ -320,15 +328,6 @@ def _files(context: Context) -> Iterator[tuple[str, str]]:
     read = chain(shared, *(each.files.every for each in keystore.enclaves)) if apart else ()
     ours = {file.place for file in read}
     return ((path, sha256) for path, sha256 in keystore.contents if path in ours or not path.startswith(folders))
-
-
-def _network(options: Options, keystore: Keystore) -> Network | None:
-    """What processes of the middleware that routes start with; raises errors.NothingToAudit where there is nothing."""
-    if options.network is None:
-        return None
-    from keystore_audit.zenoh.network import read_network  # most audits have none
-
-    return read_network(options.network, keystore, options.at)
 
 
 def _policy(options: Options) -> Policy | None:

@@ -90,6 +90,9 @@ ROUTED_STATED: Final = (
     "With rmw_zenoh neither governance nor permissions have a say, and KA8 alone speaks of it: as if every process "
     "started with its file in {}, and no other took part."
 )
+ROUTED_SCOPE: Final = "rmw_zenoh with the files in {}"
+ROUTED_ENFORCES_NONE: Final = "in DDS, and rmw_zenoh enforces none"
+ROUTED_TITLE: Final = "Who can do what in Zenoh"
 ROUTED_PAGE: Final = "keystore-audit, docs/zenoh.md"
 ROUTED_TLS: Final = "Zenoh, zenoh-link-tls, utils.rs and unicast.rs (read); measured on 1.10.2"
 ROUTED_LINKS: Final = "Zenoh, net/routing/hat and net/runtime/orchestrator.rs (read); measured on 1.10.2"

@@ -22,6 +22,7 @@ from keystore_audit.text import counted, shorten
 if TYPE_CHECKING:  # most reports draw nothing
     from keystore_audit.model.blast_radius import Ranking
     from keystore_audit.model.tables.overview import Overview
+    from keystore_audit.zenoh.answers import RoutedTable
 
 
 def conditions_of(results: Iterable[PropertyResult]) -> tuple[Needed, ...]:
@@ -184,9 +185,11 @@ class Report(Struct, frozen=True, kw_only=True):
     outcomes: Outcomes
     checked: Checked
     scope: str = ""
+    """What the verdict is about, `Jazzy with Fast DDS 2.14`; empty: all that supported distributions ship."""
+    network: str = ""
+    """The folder of the files of sessions and routers that were audited too; empty: none."""
     others: tuple[str, ...] = ()
     """Variants that only enclaves run of which settings say so."""
-    """What the verdict is about, `Jazzy with Fast DDS 2.14`; empty: all that supported distributions ship."""
     settings: GivenFile | None = None
     baseline: GivenFile | None = None
     inputs: tuple[tuple[str, GivenFile], ...] = ()
@@ -207,6 +210,8 @@ class Report(Struct, frozen=True, kw_only=True):
     """Files of which nobody read what is in them, and that nobody accepted (`Keystore.unread_foreign`)."""
     overview: Overview | None = None
     """What pictures show; None where the audit was not asked for it."""
+    routed: RoutedTable | None = None
+    """What sessions let enclaves do; None where there is no `network`, nobody asked, or too many rights are named."""
     blast_radius: tuple[Ranking, ...] | None = None
     """Enclaves by what their keys open; None where there are more than MAX_RANKED and no page asks, none where it was
     too much work."""

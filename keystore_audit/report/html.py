@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from hashlib import sha256
+from itertools import accumulate
 from typing import Any, Final
 
 from jinja2 import Environment
@@ -25,12 +26,11 @@ from msgspec.structs import replace
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.model.blast_radius import Ranking
-from keystore_audit.model.tables.overview import Issuance, IssuedCertificate
-from keystore_audit.profiles import implementations
+from keystore_audit.profiles import facts, implementations
 from keystore_audit.properties.result import Status
 from keystore_audit.report.access_words import SHORT, full_name
 from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict
-from keystore_audit.report.html_tables import Sheet, access, differing, profiles
+from keystore_audit.report.html_tables import Sheet, access, certificates, differing, profiles, routed
 from keystore_audit.report.page import by_answer, worst_first
 from keystore_audit.report.pictures import flows, timeline
 from keystore_audit.report.system_picture import system
@@ -48,9 +48,15 @@ from keystore_audit.report.view_model import (
 )
 from keystore_audit.text import counted, html, instant, shorten
 
-MAX_CAUSES: Final = 6
+MAX_LINES: Final = 18
 MAX_LIGHT: Final = 3
-"""Causes on the first screen, and those of low severity where there are no others."""
+"""Lines of causes on the first screen, and causes of low severity where there are no others."""
+
+IN_LINE: Final = 56
+"""Characters of such a line."""
+
+MAX_SAID: Final = 340
+"""Characters of a cause on the first screen."""
 
 MAX_DECIDED: Final = 20
 """Causes of which a meeting decides: a page."""
@@ -125,6 +131,7 @@ def _environment() -> Environment:
         marks=_MARKS,
         severities=tuple(Severity),
         short=SHORT,
+        max_said=MAX_SAID,
     )
     return made
 
@@ -184,8 +191,11 @@ def _sections(sheet: Sheet) -> Iterator[_Section]:
     counting = sum(finding.suppressed is None for finding in sheet.shown)
     yield _Section(key="findings", title="Findings", badge=str(counting), view=_findings(sheet))
     yield _Section(key="properties", title="Properties", badge=_statuses(report), view=_properties(report))
+    if report.network:
+        yield _Section(key="routed", title=facts.ROUTED_TITLE, view=routed(report))
     if overview is not None:
-        yield _Section(key="access", title="Who may do what", view=access(sheet, overview))
+        title = "Who may do what in DDS" if report.network else "Who may do what"
+        yield _Section(key="access", title=title, view=access(sheet, overview))
         yield _Section(key="flows", title="Information flow", view=flows(overview, len(report.enclaves)))
         yield _Section(key="radius", title="Blast radius", view=_rankings(report.blast_radius or ()))
     yield _Section(key="starting", title="Who can start", view=_starting(report))
@@ -196,7 +206,7 @@ def _sections(sheet: Sheet) -> Iterator[_Section]:
     )
     if overview is not None:
         safe = None if report.verdict is Verdict.FAIL else report.safe_until
-        yield _Section(key="certificates", title="Certificates and signatures", view=_certificates(overview.issuance))
+        yield _Section(key="certificates", title="Certificates and signatures", view=certificates(overview.issuance))
         yield _Section(key="dates", title="Dates", view=timeline(overview.periods, report.at, safe))
     if causes := [each for each in sheet.consequences.causes if each.severity is not Severity.INFO]:
         yield _Section(key="meeting", title="For the meeting", view=_meeting(sheet, causes))
@@ -214,27 +224,36 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
     report, overview = sheet.report, sheet.report.overview
     causes = sheet.consequences.causes
     weighing = [each for each in causes if each.decides(report.fail_on) or each.severity.at_least(Severity.MEDIUM)]
-    shown = weighing[:MAX_CAUSES] or causes[:MAX_LIGHT]
-    paths = [entry.path for entry in report.enclaves]
+    lines = accumulate(map(_lines, weighing))
+    shown = [each for each, end in zip(weighing, lines, strict=True) if end <= MAX_LINES or each is weighing[0]]
+    shown = shown or [*causes[:MAX_LIGHT]]
+    beside = f"{facts.ROUTED_SCOPE.format(shorten(report.network, MAX_TITLE))}; " if report.network else ""
     return {
         "first": _first(sheet, shown),
-        "scope": f"Judged for {report.scope or implementations(sheet.profiles)}, as of {instant(report.at)}.",
-        "rests": report.holds_if,
+        "scope": f"Judged for {beside}{report.scope or implementations(sheet.profiles)}, as of {instant(report.at)}.",
+        "rests": report.holds_if.replace("HOLDS IF", "Assumes:", 1),
         "warnings": [*warnings(report, versions=True)],
         "title": counted(len(causes), "cause"),
         "causes": shown,
         "more": f"{len(causes) - len(shown)} more below." if len(causes) > len(shown) else "",
-        "system": system(overview, weighing, report.properties, paths) if overview is not None else {},
+        "system": system([entry.path for entry in report.enclaves], overview, report.routed, shown, sheet.consequences),
     }
+
+
+def _lines(cause: Cause) -> int:
+    """How many a cause takes."""
+    return sum(-(-len(text) // IN_LINE) for text in (cause.finding.message[:MAX_SAID], cause.finding.fix.short)) + 1
 
 
 def _first(sheet: Sheet, causes: Sequence[Cause]) -> str:
     """Which enclave can do what, of the first cause that says so; else what the verdict means."""
     if sheet.report.verdict is Verdict.FAIL:
-        for finding in (each for cause in causes for each in cause.every if each.enclave is not None):
+        paths = tuple(f"{entry.path} " for entry in sheet.report.enclaves)
+        for finding in (each for cause in causes for each in cause.every):
             said = sheet.consequences.example(finding)
-            if finding.fails(sheet.report.fail_on) and said.startswith(f"{finding.enclave} "):
-                return said
+            if finding.fails(sheet.report.fail_on) and said.startswith(paths):
+                asserted = ", ".join(finding.properties)
+                return f"{said} The settings forbid it: {asserted}." if asserted else said
     return _meaning(sheet.report)
 
 
@@ -365,35 +384,3 @@ def _ranking(ranking: Ranking) -> Mapping[str, Any]:
         "left_out": sum(map(len, rows[MAX_ROWS:])),
         "endless": any(each.endless for each in ranking.enclaves),
     }
-
-
-def _certificates(issued: Issuance) -> Mapping[str, Any]:
-    """Who vouches for whom: roots first, and of these those that vouch for somebody."""
-    certificates = issued.certificates
-    roots = [number for number, each in enumerate(certificates) if each.is_root]
-    if not roots:  # authorities that issued each other
-        roots = [number for number, each in enumerate(certificates) if each.issued][:1]
-    return {
-        "certificates": certificates,
-        "roots": sorted(roots, key=lambda number: not certificates[number].issued and not certificates[number].signed),
-        "roles": _roles,
-        "unsigned": (
-            (issued.unsigned, "whose signature none of these certificates made"),
-            (issued.unread, "of which it cannot be told who signed"),
-        ),
-    }
-
-
-def _roles(certificate: IssuedCertificate) -> str:
-    """What it is for; a certificate for both roles of a CA is said to be."""
-    identity, permissions = certificate.identity_ca_of, certificate.permissions_ca_of
-    roles = []
-    if identity and permissions:
-        roles.append(f"one CA for identities and permissions, of {counted(identity, 'enclave')}")
-    elif identity or permissions:
-        kind = "identity" if identity else "permissions"
-        roles.append(f"{kind} CA of {counted(identity or permissions, 'enclave')}")
-    own = certificate.identity_of
-    if own:
-        roles.append("identity" if len(own) == 1 else f"identity of {len(own)} enclaves: {', '.join(own[:4])}")
-    return " · ".join(roles)

@@ -11,12 +11,13 @@ from itertools import groupby
 from typing import Any, Final
 
 from keystore_audit.findings import Finding, Severity
-from keystore_audit.grouped import grouped
+from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.tables.access_table import AccessTable, Group
-from keystore_audit.model.tables.overview import Overview
+from keystore_audit.model.tables.overview import Issuance, IssuedCertificate, Overview
 from keystore_audit.report.access_words import (
+    SHORT,
     differences,
     namespace,
     peers,
@@ -26,9 +27,11 @@ from keystore_audit.report.access_words import (
     worth_showing,
 )
 from keystore_audit.report.content import Report
+from keystore_audit.report.page import by_answer
 from keystore_audit.report.view_model import Consequences
 from keystore_audit.text import counted
-from keystore_audit.truth import Truth
+from keystore_audit.truth import Truth, any_of
+from keystore_audit.zenoh.answers import RoutedAnswer, RoutedTable
 
 MAX_COLUMNS: Final = 14
 """Columns of one matrix, so that it fits on a page."""
@@ -100,6 +103,42 @@ def access(sheet: Sheet, overview: Overview) -> Mapping[str, Any]:
         "peers": peers(table, main),
         **drawing.matrices(),
     }
+
+
+def routed(report: Report) -> Mapping[str, Any]:
+    """By group of releases that answer alike, what each enclave can do with its own file and without it."""
+    table = report.routed
+    if table is None:
+        return {"groups": ()}
+    alike = by_answer({release: tuple(_routed_rows(table, release)) for release in table.releases})
+    return {
+        "domain": table.domain,
+        "groups": [
+            (", ".join(names) if len(alike) > 1 else "", [(name, dict(cells)) for name, cells in rows])
+            for rows, names in alike.items()
+        ],
+        "paths": [entry.path for entry in report.enclaves],
+        "doubts": [f"{location}: {why}" for location, why in table.doubts],
+    }
+
+
+_Cells = tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
+"""By enclave a word for each right that it has, and whether it works, takes dropping the file, or is unknown."""
+
+
+def _routed_rows(table: RoutedTable, release: str) -> Iterator[tuple[str, _Cells]]:
+    """Of each name that somebody can use."""
+    for name, asked in grouped(table.rights, lambda each: each.name).items():
+        kinds = ((each, _routed_kind(each.answers[release])) for each in asked)
+        cells = gathered((each.enclave, (SHORT[each.operation], kind)) for each, kind in kinds if kind)
+        if cells:
+            yield name, tuple((path, tuple(words)) for path, words in cells.items())
+
+
+def _routed_kind(answer: RoutedAnswer) -> str:
+    if answer.works.truth is Truth.YES:
+        return "works"
+    return {Truth.YES: "dropped", Truth.UNKNOWN: "open", Truth.NO: ""}[any_of((answer.works.truth, answer.could.truth))]
 
 
 class _Drawing:
@@ -228,3 +267,35 @@ def differing(sheet: Sheet) -> Iterator[Mapping[str, Any]]:
 def _in_access(table: AccessTable) -> Iterable[tuple[str, Sequence[str]]]:
     *others, main = table.groups
     return [(", ".join(group.profiles), [*differences(table, group, main)]) for group in others]
+
+
+def certificates(issued: Issuance) -> Mapping[str, Any]:
+    """Who vouches for whom: roots first, and of these those that vouch for somebody."""
+    certificates = issued.certificates
+    roots = [number for number, each in enumerate(certificates) if each.is_root]
+    if not roots:  # authorities that issued each other
+        roots = [number for number, each in enumerate(certificates) if each.issued][:1]
+    return {
+        "certificates": certificates,
+        "roots": sorted(roots, key=lambda number: not certificates[number].issued and not certificates[number].signed),
+        "roles": _roles,
+        "unsigned": (
+            (issued.unsigned, "whose signature none of these certificates made"),
+            (issued.unread, "of which it cannot be told who signed"),
+        ),
+    }
+
+
+def _roles(certificate: IssuedCertificate) -> str:
+    """What it is for; a certificate for both roles of a CA is said to be."""
+    identity, permissions = certificate.identity_ca_of, certificate.permissions_ca_of
+    roles = []
+    if identity and permissions:
+        roles.append(f"one CA for identities and permissions, of {counted(identity, 'enclave')}")
+    elif identity or permissions:
+        kind = "identity" if identity else "permissions"
+        roles.append(f"{kind} CA of {counted(identity or permissions, 'enclave')}")
+    own = certificate.identity_of
+    if own:
+        roles.append("identity" if len(own) == 1 else f"identity of {len(own)} enclaves: {', '.join(own[:4])}")
+    return " · ".join(roles)

@@ -11,18 +11,24 @@ from keystore_audit.grouped import gathered, grouped
 from keystore_audit.model.tables.access_rows import label
 from keystore_audit.model.tables.access_table import AccessTable
 from keystore_audit.model.tables.overview import Neighbourhood, Overview
-from keystore_audit.properties.result import PropertyResult
 from keystore_audit.report.pictures import fitted
-from keystore_audit.report.view_model import Cause
+from keystore_audit.report.view_model import Cause, Consequences
 from keystore_audit.text import some
+from keystore_audit.truth import Truth
+from keystore_audit.zenoh.answers import SENDING, RoutedTable
 
 WIDTH: Final = 470
 """Of the picture, in its own units, as all that follows."""
 
-SIDE: Final = 128
-MIDDLE: Final = 146
-ROW: Final = 25
-"""Of boxes: the width of those of enclaves and of topics, and how far apart they stand."""
+SIDE: Final = 124
+MIDDLE: Final = 122
+BOX: Final = 19
+"""Of boxes: the width of those of enclaves and of topics, and their height."""
+
+NEAR: Final = 25
+FAR: Final = 52
+TALL: Final = 240
+"""How far apart boxes stand, and the height that few of them fill."""
 
 MAX_ENCLAVES: Final = 12
 """Enclaves that have a box each: of more, those of one last name share one."""
@@ -34,6 +40,9 @@ CHARACTER: Final = 6.4
 """Width of a character of 10.5 units in the widest of the usual fixed fonts."""
 
 _MIDDLE_X: Final = (WIDTH - MIDDLE) // 2
+_AT: Final = (0.3, 0.5, 0.7)
+_Ends = dict[str, tuple[set[str], set[str]]]
+"""By topic who sends and who receives."""
 _About = tuple[str, str, int]
 """An enclave, a topic (empty: none in particular), and the number of a cause."""
 
@@ -46,32 +55,46 @@ class _Topics(Struct, frozen=True, kw_only=True):
     receivers: frozenset[str]
     marks: Mapping[str, Sequence[int]]
 
+    @property
+    def blamed(self) -> frozenset[str]:
+        """Who does something there that is no right."""
+        return frozenset(self.marks) - self.senders - self.receivers
+
 
 def system(
-    overview: Overview, causes: Sequence[Cause], properties: Sequence[PropertyResult], paths: Sequence[str]
+    paths: Sequence[str],
+    overview: Overview | None,
+    routed: RoutedTable | None,
+    causes: Sequence[Cause],
+    told: Consequences,
 ) -> Mapping[str, Any]:
-    """Who sends to whom by right, with topics of the same ends in one box.
+    """Who sends to whom, with topics of the same ends in one box: by the files of sessions where there are any.
 
-    Numbers (from 1) are those of causes that are about an enclave of `paths`, or about what it does on a topic.
+    Numbers (from 1) are those of causes that are about an enclave, or about what it does on a topic.
     Nothing where flows were not worked out.
     """
-    table = overview.access
-    if table is None or overview.undrawn or not overview.neighbourhoods:
+    shared, table = _shared(paths), None
+    if routed is not None:
+        ends = _routed_ends(routed, shared)
+    elif overview is not None and overview.access is not None and overview.neighbourhoods and not overview.undrawn:
+        table = overview.access
+        ends = _ends(table, overview.neighbourhoods, shared)
+    else:
         return {}
-    shared = _shared(paths)
-    about = [*_about(table, causes, properties, shared)]
-    every = sorted(
-        _topics(table, overview.neighbourhoods, shared, about), key=lambda each: (not each.marks, each.names)
-    )
+    about = [*_about(table, causes, told, shared)]
+    every = sorted(_topics(ends, about), key=lambda each: (not each.marks, each.names))
     shown = sorted(every[:MAX_BOXES], key=lambda each: each.names)
     receiving = {who for each in every for who in each.receivers}
-    sending = {*shared.values()} - receiving | {who for each in every for who in each.senders}
+    sending = {*shared.values()} - receiving | {who for each in every for who in {*each.senders, *each.blamed}}
     columns = [[*_first(each, about)] for each in (sending, receiving)]
-    height = ROW * max(len(shown), *map(len, columns)) + 4
-    left, right = (_tops(each, height) for each in columns)
+    rows = max(len(shown), *map(len, columns))
+    row = min(FAR, max(NEAR, TALL // rows))
+    height = row * rows + 4
+    left, right = (_tops(each, height, row) for each in columns)
     marks = gathered((who, number) for who, _topic, number in about)
-    places = _tops([each.names for each in shown], height)
+    places = _tops([each.names for each in shown], height, row)
     return {
+        "routed": routed is not None,
         "width": WIDTH,
         "height": height,
         "enclaves": [*_boxes(left, 1, marks), *_boxes(right, WIDTH - SIDE - 1, {})],
@@ -95,27 +118,41 @@ def _shared(paths: Sequence[str]) -> dict[str, str]:
 
 
 def _about(
-    table: AccessTable, causes: Sequence[Cause], properties: Sequence[PropertyResult], shared: Mapping[str, str]
+    table: AccessTable | None, causes: Sequence[Cause], told: Consequences, shared: Mapping[str, str]
 ) -> Iterator[_About]:
-    """Where the causes are: the enclaves of their findings, and the steps of their counterexamples."""
-    names = {named.topic: label(table, number) for number, named in enumerate(table.names)}
-    answers = {each.prop.id: each.profiles.values() for each in properties}
+    """Where the causes are: the enclaves of their findings, what is sent, and the steps of their counterexamples."""
+    names = {named.topic: label(table, number) for number, named in enumerate(table.names)} if table is not None else {}
     for number, cause in enumerate(causes, start=1):
-        found = {(each.enclave, "") for each in cause.every if each.enclave is not None}
-        examples = (answer.counterexample for each in cause.every for answer in answers.get(each.name, ()))
-        steps = (step for example in examples if example is not None for step in example.steps)
-        found |= {(each.enclave, names[each.witness]) for each in steps if each.enclave and each.witness in names}
-        yield from sorted({(shared[who], topic, number) for who, topic in found if who in shared})
+        found = {(each.enclave, "") for each in cause.every} | {sent for each in cause.every for sent in each.sent}
+        results = (told.result(each) for each in cause.every)
+        answers = (answer for result in results if result is not None for answer in result.profiles.values())
+        steps = (step for each in answers if each.counterexample is not None for step in each.counterexample.steps)
+        found |= {(each.enclave, names[each.witness]) for each in steps if each.witness in names}
+        yield from sorted({(shared[who], topic, number) for who, topic in found if who is not None and who in shared})
 
 
-def _topics(
-    table: AccessTable, flows: Sequence[Neighbourhood], shared: Mapping[str, str], about: Sequence[_About]
-) -> Iterator[_Topics]:
-    ends: dict[str, tuple[set[str], set[str]]] = {topic: (set(), set()) for _who, topic, _number in about if topic}
+def _ends(table: AccessTable, flows: Sequence[Neighbourhood], shared: Mapping[str, str]) -> _Ends:
+    """By topic who sends and who receives by right."""
+    ends: _Ends = {}
     for flow in flows:
         for side, groups in enumerate((flow.outgoing, flow.incoming)):
             for name in (name for each in groups if each.by_right for name in each.names):
                 ends.setdefault(label(table, name), (set(), set()))[side].add(shared.get(flow.path, flow.path))
+    return ends
+
+
+def _routed_ends(table: RoutedTable, shared: Mapping[str, str]) -> _Ends:
+    """By topic or service who sends and who receives, each with the own file."""
+    ends: _Ends = {}
+    for right in table.rights:
+        if any(each.works.truth is Truth.YES for each in right.answers.values()):
+            side = right.operation not in SENDING
+            ends.setdefault(right.name, (set(), set()))[side].add(shared[right.enclave])
+    return ends
+
+
+def _topics(ends: _Ends, about: Sequence[_About]) -> Iterator[_Topics]:
+    ends = {topic: (set[str](), set[str]()) for _who, topic, _number in about if topic} | ends
     marks = {topic: gathered((who, number) for who, at, number in about if at == topic) for topic in ends}
     kinds = grouped(ends, lambda topic: (*map(frozenset, ends[topic]), f"{sorted(marks[topic].items())}"))
     for names in kinds.values():
@@ -129,36 +166,47 @@ def _first(names: set[str], about: Sequence[_About]) -> Sequence[str]:
     return sorted(sorted(names, key=lambda who: (who not in blamed, who))[:MAX_BOXES])
 
 
-def _tops(names: Sequence[Any], height: int) -> dict[Any, float]:
+def _tops(names: Sequence[Any], height: int, row: int) -> dict[Any, float]:
     """Where the boxes of a column begin, which stands in the middle."""
-    top = (height - ROW * len(names)) / 2
-    return {name: top + ROW * place for place, name in enumerate(names)}
+    top = (height - row * (len(names) - 1) - BOX) / 2
+    return {name: top + row * place for place, name in enumerate(names)}
 
 
 def _boxes(
     tops: Mapping[str, float], x: int, marks: Mapping[str, Sequence[int]]
 ) -> Iterator[tuple[int, float, str, str]]:
     for name, y in tops.items():
-        yield x, y, _fit(name, SIDE), _numbers(marks.get(name, ()))
+        numbers = _numbers(marks.get(name, ()))
+        yield x, y, _fit(name, SIDE - int(CHARACTER * len(numbers))), numbers
 
 
 def _edges(
     topics: _Topics, y: float, left: Mapping[str, float], right: Mapping[str, float]
 ) -> Iterator[Mapping[str, Any]]:
     """From senders and to receivers; whoever is blamed and neither has a line of its own, dashed."""
-    blamed = {*topics.marks} - topics.senders - topics.receivers
     for ends, tops, (near, far) in (
-        (topics.senders | blamed, left, (SIDE + 1, _MIDDLE_X)),
+        (topics.senders | topics.blamed, left, (SIDE + 1, _MIDDLE_X)),
         (topics.receivers, right, (_MIDDLE_X + MIDDLE, WIDTH - SIDE - 1)),
     ):
-        for who in sorted(ends & {*tops}):
+        for place, who in enumerate(sorted(ends & {*tops})):
             begin, end = (tops[who], y) if tops is left else (y, tops[who])
+            begin, end, bend = begin + BOX / 2, end + BOX / 2, (near + far) / 2
+            share = _AT[place % len(_AT)]  # numbers of lines that meet stand apart
             kind = " bad" if who in topics.marks else ""
             yield {
-                "points": (near, begin + ROW / 2, (near + far) / 2, far, end + ROW / 2),
-                "kind": f"{kind} keys" if who in blamed else kind,
-                "mark": _numbers(topics.marks.get(who, ())),
+                "points": (near, begin, bend, far, end),
+                "kind": f"{kind} keys" if who in topics.blamed else kind,
+                "mark": _numbers(topics.marks.get(who, ())[:1]),
+                "at": _on_curve((near, bend, bend, far), share),
+                "height": _on_curve((begin, begin, end, end), share) - 2,
             }
+
+
+def _on_curve(points: tuple[float, float, float, float], share: float) -> float:
+    """A coordinate of a cubic Bézier curve."""
+    rest = 1 - share
+    weights = (rest**3, 3 * rest**2 * share, 3 * rest * share**2, share**3)
+    return sum(weight * point for weight, point in zip(weights, points, strict=True))
 
 
 def _numbers(marks: Iterable[int]) -> str:

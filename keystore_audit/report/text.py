@@ -12,7 +12,7 @@ from typing import Final
 
 from keystore_audit.assumptions import CONDITIONS
 from keystore_audit.findings import Finding, Result, Severity
-from keystore_audit.profiles import implementations, shipped_by
+from keystore_audit.profiles import facts, implementations, shipped_by
 from keystore_audit.properties.result import Status
 from keystore_audit.report.causes_text import (
     MAX_NAMED,
@@ -121,6 +121,8 @@ def _verdict(page: Page, report: Report, causes: Sequence[Cause]) -> None:
     )
     if report.scope and not passed:
         page.put(f"scope: {report.scope}", indent=6)
+    if report.network:
+        page.put(f"judged too: {facts.ROUTED_SCOPE.format(shorten(report.network, MAX_TITLE))}", indent=6)
     deciding = [each for cause in causes for each in cause.every if each.fails(report.fail_on) or each.undecided]
     if report.verdict is not Verdict.PASS and deciding:
         page.put(f"{_BECAUSE[report.verdict]} {_whose(report, deciding)}", indent=6)
@@ -194,6 +196,7 @@ def _decided(report: Report) -> str:
     reserved = sum(bool(each.beside) for each in report.properties)
     beside = f", {reserved} with a reservation (-v)" if reserved else ""
     answered = [run.name for run in report.answered]
+    beside += f" {facts.ROUTED_ENFORCES_NONE}" if report.network else ""
     agree = {True: f"{' and '.join(answered)} agree", None: f"{', '.join(answered) or 'no engine'} alone"}
     engines = agree.get(report.engines_agree, "the engines disagree")
     return f"{len(report.holding)} of {len(report.properties)} hold{unknown}{beside} ({engines})"

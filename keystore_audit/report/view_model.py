@@ -107,14 +107,18 @@ class Consequences:
         told = [finding, *self._under.get(finding.fingerprint, [])]
         return min(each.severity.rank for each in told), finding.code.startswith(OF_THE_AUDIT)
 
+    def result(self, finding: Finding) -> PropertyResult | None:
+        """The property that the finding is about, if it is about one."""
+        return self._results.get((*finding.properties, finding.name)[0])
+
     def is_example(self, finding: Finding) -> bool:
         """Whether `finding` tells one way in which a property is violated, of perhaps many."""
-        result = self._results.get(finding.name)
+        result = self.result(finding)
         return result is not None and any(each.counterexample is not None for each in result.profiles.values())
 
     def example(self, finding: Finding) -> str:
         """The counterexample under a profile that the finding holds for, else the finding's own words."""
-        result = self._results.get(finding.name)
+        result = self.result(finding)
         for name, answer in result.profiles.items() if result else ():
             wanted = not finding.profiles or name in finding.profiles
             if wanted and answer.status is Status.VIOLATED and answer.counterexample is not None:

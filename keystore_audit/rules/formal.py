@@ -328,8 +328,8 @@ def asserted_alloy_property_violated(result: AlloyResult) -> Iterator[Violation]
 
 
 def _told(result: UserResult, example: str) -> str:
-    said = f"{quoted(result.prop.id)} is violated. Asserted: {result.prop.statement}"
-    return " ".join(filter(None, (said, f"Found: {example}" if example else "", result.beside)))
+    said = f"{quoted(result.prop.id)} is violated{f': {example}' if example else '.'}"
+    return " ".join(filter(None, (said, f"Asserted: {result.prop.statement}", result.beside)))
 
 
 @rule(

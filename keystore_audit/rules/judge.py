@@ -327,4 +327,5 @@ def _finding(found: _Marked, causes: tuple[str, ...], filling: Filling) -> Findi
         meaning=found.meaning,
         undecided=violation.undecided,
         properties=violation.properties,
+        sent=violation.sent,
     )

@@ -17,7 +17,7 @@ from keystore_audit.text import meant
 from keystore_audit.truth import Truth
 from keystore_audit.zenoh.access_control import AccessControl, Flow, Kind, Subject
 from keystore_audit.zenoh.access_control import Rule as Written
-from keystore_audit.zenoh.answers import Reached, Rights, rights_in
+from keystore_audit.zenoh.answers import SENDING, Reached, Rights, rights_in
 from keystore_audit.zenoh.configuration import Mode
 from keystore_audit.zenoh.names import domains_in, name_in, names_in, names_of, operations_of
 from keystore_audit.zenoh.network import Network, Process, common_name, is_session
@@ -181,15 +181,17 @@ def file_restrains_only_its_owner(network: Network, context: Context) -> Iterato
     there are more, and none of those is one, it stays open.
     """
     rights, told, places = rights_in(network), list[str](), dict[Location, None]()
+    sent = list[tuple[str, str]]()
     asked = [*islice(_asked(network, context), MAX_ASKED + 1)]
     for enclave, does, operation, key in asked[:MAX_ASKED]:
         reaching = (_dropping(rights, enclave, operation, key, release) for release in context.releases)
         reached = next((each for each in reaching if each is not None), None)
         if reached is not None:
             told.append(f"{enclave.path} {does} {name_of(key)} by dropping its file; {reached.last.name} allows it")
+            sent += [(enclave.path, name_of(key))] if operation in SENDING else []
             places |= {reached.location: None} if reached.location is not None else {}
     if told:
-        yield Violation(f"{told[0]}{more_like(told)}.", [*places], key=told[0])
+        yield Violation(f"{told[0]}{more_like(told)}.", [*places], key=told[0], sent=tuple(sent))
     elif len(asked) > MAX_ASKED:
         message = f"Only {MAX_ASKED} rights were asked about of those that rules in {network.path} name."
         yield Violation(message, (), undecided=True, key="more")

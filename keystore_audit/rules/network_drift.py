@@ -22,11 +22,11 @@ from keystore_audit.model.intended.drift_rights import policy_grant
 from keystore_audit.model.matching.expression import any_matches
 from keystore_audit.model.names import AMBIENT_TOPICS, Use, dds_channels
 from keystore_audit.profiles import Matcher, Release, facts
-from keystore_audit.rules.network_access import BY_HAND, NAMED
+from keystore_audit.rules.network_access import BY_HAND, NAMED, name_of
 from keystore_audit.rules.registry import Context, Violation, more_like, quoted, rule
 from keystore_audit.truth import Truth
 from keystore_audit.zenoh import flow
-from keystore_audit.zenoh.answers import Reached, channels, rights_in
+from keystore_audit.zenoh.answers import SENDING, Reached, channels, rights_in
 from keystore_audit.zenoh.names import MAX_RIGHTS, OTHER_SIDE, names_in, rule_domains, written_names
 from keystore_audit.zenoh.network import Network, is_session
 from keystore_audit.zenoh.participants import NetworkFlows
@@ -61,8 +61,8 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
         if answer.works.truth is Truth.YES:
             yield answer.works
 
-    whose = "The policy does" if context.drift is not None else "Permissions do"
-    message = f"{whose} not let {{}}, and the files let it."
+    whose = "the policy does" if context.drift is not None else "permissions do"
+    message = f"{{who}} can {{what}} by the files, and {whose} not let it."
     yield from _differing(network, context, _not_granted(network, context), reaching, Truth.YES, message)
 
 
@@ -87,7 +87,7 @@ def granted_and_kept_off(network: Network, context: Context) -> Iterator[Violati
         enclave, operation, name, domain = right
         yield from (rights.works(enclave, role, key, release) for role, key in channels(operation, name, domain))
 
-    message = "The files do not let {}, and that was granted."
+    message = "The files do not let {who} {what}, and that was granted."
     yield from _differing(network, context, _granted_to_both(network, context), working, Truth.NO, message)
 
 
@@ -99,10 +99,11 @@ def _differing(
     told_if: Truth,
     message: str,
 ) -> Iterator[Violation]:
-    """What works (`told_if` YES) and was not granted, or the other way about, as comes with each right; `message` has a
-    place for it. Whether more works than was granted has to be known; what may work is as good as works.
+    """What works (`told_if` YES) and was not granted, or the other way about, as comes with each right; `message` has
+    places for `who` and `what`. Whether more works than was granted has to be known; what may work is as good as works.
     """
-    told, places, doubtful = list[str](), dict[Location, None](), False
+    told, places, doubtful = list[tuple[str, str]](), dict[Location, None](), False
+    sent = list[tuple[str, str]]()
     try:
         asked = [*islice(rights, MAX_RIGHTS + 1)]
     except BudgetExceeded as exceeded:
@@ -113,11 +114,15 @@ def _differing(
         differing = [each for each in answers if each.truth is told_if]
         if differing and granted is told_if.negated:
             enclave, operation, name, _domain = right
-            told.append(f"{enclave.path} {WORDS[operation]} {name}")
+            told.append((enclave.path, f"{WORDS[operation]} {name}"))
+            sent += [(enclave.path, name)] if operation in SENDING else []
             places |= {each.location: None for each in differing if each.location is not None}
         doubtful = doubtful or (told_if is Truth.YES and any(each.truth.may for each in answers))
     if told:
-        yield Violation(message.format(f"{told[0]}{more_like(told)}"), [*places], key="\n".join(sorted(told)))
+        who, what = told[0]
+        said = message.format(who=who, what=f"{what}{more_like(told)}")
+        key = "\n".join(sorted(f"{path} {right}" for path, right in told))
+        yield Violation(said, [*places], key=key, sent=tuple(sent))
     elif len(asked) > MAX_RIGHTS:
         message = f"Only {MAX_RIGHTS} rights were compared with what was granted in {network.path}."
         yield Violation(message, (), undecided=True, key="more")
@@ -156,8 +161,9 @@ def asserted_property_violated_by_files(network: Network, context: Context) -> I
         hops = next((hops for truth, hops in answers if truth is Truth.YES), None)
         places = (where, *(hop.location for hop in hops or () if hop.location is not None))
         if hops:
-            said = f"By its files {quoted(claim.id)} is violated. Asserted: {claim.statement} Found: {flow.told(hops)}"
-            yield Violation(said, places, severity=claim.severity, key=claim.id)
+            said = f"{flow.told(hops)} So the files violate {quoted(claim.id)}: {claim.statement}"
+            sent = tuple((hop.sender.label, name_of(hop.key)) for hop in hops)
+            yield Violation(said, places, severity=claim.severity, key=claim.id, sent=sent)
         elif any(truth.may for truth, _hops in answers):
             said = f"Whether {quoted(claim.id)} holds by the files in {network.path} cannot be told."
             yield Violation(said, places, undecided=True, key=claim.id)

@@ -106,6 +106,7 @@ class Violation(Struct, frozen=True):
     grants of its own that an enclave gets more than, say. `explains`: the properties that this one is a cause of, where
     they are not the rule's (None: the rule's). `shared`: it is said of each of several subjects in the same words, and
     is one finding for all of them. `properties`: of a rule about any property, the ids of those that it is about.
+    `sent`: as in `Finding`.
     """
 
     message: str
@@ -120,6 +121,7 @@ class Violation(Struct, frozen=True):
     explains: frozenset[str] | None = None
     shared: bool = False
     properties: tuple[str, ...] = ()
+    sent: tuple[tuple[str, str], ...] = ()
 
 
 class Rule(Struct, Generic[S], frozen=True, kw_only=True):

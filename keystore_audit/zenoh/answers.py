@@ -10,8 +10,9 @@ from typing import Final
 
 from msgspec import Struct
 
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
-from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.matching.key_expressions import EVERYTHING, intersects
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
 from keystore_audit.model.question import WORDS
@@ -19,6 +20,7 @@ from keystore_audit.profiles import Release
 from keystore_audit.truth import Truth, all_of, any_of
 from keystore_audit.zenoh.access_control import Key, Kind, Meant
 from keystore_audit.zenoh.links import OBSTACLES, Links, Message, Tie, Way, find_way
+from keystore_audit.zenoh.names import MAX_RIGHTS, written_names
 from keystore_audit.zenoh.network import Network, Process, is_session
 
 MAX_WIDE: Final = 20
@@ -36,6 +38,9 @@ EFFECTIVE: Final[Mapping[str, Passing]] = {
 """By operation what has to pass. A query runs a service, whoever hears the reply."""
 PASSING: Final = {**EFFECTIVE, "request": (*EFFECTIVE["request"], (_REPLY, False))}
 """The same where whoever does it wants the reply."""
+SENDING: Final = ("publish", "request")
+"""The operations that put something into what others hear."""
+
 _TYPE: Final = "/$*::$*/*"
 _ROLES: Final = {"call": ("request", "subscribe"), "execute": ("reply", "publish")}
 
@@ -258,6 +263,44 @@ class Rights:
         """The expressions that rules allow, and that for everything, each once."""
         rules = (rule for process in self._network.started for rule in process.says.rules if rule.allow)
         return tuple(dict.fromkeys((EVERYTHING, *(text for rule in rules for text, _line in rule.keys))))
+
+
+def routed_table(
+    keystore: Keystore,
+    network: Network,
+    domain: int,
+    at: datetime,
+    releases: Sequence[Release],
+    asked: Sequence[tuple[str, str]] | None = None,
+) -> RoutedTable:
+    """What every enclave of the keystore may do of `asked`, None: of all that permissions and files name.
+
+    Raises errors.BudgetExceeded for more than MAX_RIGHTS rights.
+    """
+    named = written_names(keystore, network, domain)
+    asked = named.rights if asked is None else asked
+    if len(asked) * len(keystore.enclaves) > MAX_RIGHTS:
+        raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named: ask with `can`.")
+    rights = rights_in(network)
+    found = tuple(
+        RoutedRight(
+            enclave=enclave.path,
+            operation=operation,
+            name=name,
+            answers={each.name: rights.answer(enclave, operation, name, domain, each) for each in releases},
+        )
+        for enclave in keystore.enclaves
+        for operation, name in asked
+    )
+    return RoutedTable(
+        domain=domain,
+        at=at,
+        folder=network.path,
+        releases=tuple(each.name for each in releases),
+        rights=found,
+        patterns=named.patterns,
+        doubts=rights.doubts,
+    )
 
 
 @lru_cache(maxsize=1)

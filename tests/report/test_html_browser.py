@@ -70,6 +70,12 @@ addEventListener('load', measure);
 """Says in the title, for each kind of element with text, the least contrast to whatever lies behind it."""
 
 
+BEGIN = """<script>
+addEventListener('load', () => { document.title = document.getElementById('findings').getBoundingClientRect().top; });
+</script></head>"""
+"""Says in the title how far down findings begin, in pixels."""
+
+
 @pytest.fixture(scope="module", autouse=True)
 def chromium(oracle: Oracle) -> None:
     oracle("chromium")
@@ -146,6 +152,23 @@ class TestLegibility:
             contrasts: dict[str, Any] = json.loads(title(browser.load(measured, tmp_path / str(number), *scheme)))
             assert len(contrasts) > 40
             assert {kind: ratio for kind, ratio in contrasts.items() if ratio < LEGIBLE} == {}
+
+    @pytest.mark.parametrize(
+        ("sample", "options"),
+        [
+            ("flows/vehicle_bridged_domain", ("--settings", "settings/vehicle.toml")),
+            ("flows/turtlesim_random_moves_turtle", ("--settings", "settings/turtlesim.toml")),
+            ("zenoh/turtlesim_generated", ("--zenoh", "networks/turtlesim_generated")),
+            ("stock/turtlesim", ()),
+        ],
+    )
+    def test_findings_begin_on_the_first_screen(
+        self, sample: str, options: tuple[str, ...], repository: Path, tmp_path: Path
+    ) -> None:
+        samples = repository / "sample_keystores"
+        words = (str(samples / each) if (samples / each).exists() else each for each in options)
+        page = WITHOUT_POLICY.sub("", page_of(samples / sample, *words)).replace("</head>", BEGIN)
+        assert 300 < float(title(browser.load(page, tmp_path, "--window-size=1280,800"))) < 700
 
     def test_dark_is_dark(self, leaky: str, tmp_path: Path) -> None:
         pictures = {}

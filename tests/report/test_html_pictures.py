@@ -18,6 +18,7 @@ from keystore_audit.model.formal.rights import Safeguard
 from keystore_audit.model.tables.access_table import AccessTable, Group, Named
 from keystore_audit.model.tables.overview import Dated, Neighbourhood, Overview, PeerGroup, Period
 from keystore_audit.report import html, html_tables, pictures, system_picture
+from keystore_audit.report.view_model import Consequences
 from tests.cli.keystores import AT, answer, keystore, rule
 from tests.report.robots import page_of
 
@@ -127,21 +128,44 @@ class TestSystem:
         assert drawn.xpath("./text[@class='number' and @text-anchor='end']/text()") == blamed
         assert len(drawn.xpath("./path[@class='hop bad']")) == len(blamed)
 
+    def test_a_way_that_settings_forbid_is_marked_from_end_to_end(self, repository: Path) -> None:
+        """Of the page of a property that is violated; its healthy twin has no red line."""
+        samples, marked = repository / "sample_keystores", {}
+        for sample in ("turtlesim_random_moves_turtle", "turtlesim_healthy"):
+            page = page_of(samples / "flows" / sample, "--settings", str(samples / "settings/turtlesim.toml"))
+            (drawn,) = lxml.html.document_fromstring(page).xpath("//figure[@class='whole']/svg")
+            topics = drawn.xpath("./rect[@class='box bad']/following-sibling::text[1]/text()")
+            marked[sample] = (topics, len(drawn.xpath("./path[@class='hop bad']")))
+        assert marked == {
+            "turtlesim_random_moves_turtle": (["/move_turtle"], 2),
+            "turtlesim_healthy": ([], 0),
+        }
+
     @pytest.mark.parametrize(
-        ("sample", "said", "lasts"),
+        ("sample", "options", "said", "lasts"),
         [
+            ("flows/vehicle_governance_flag", (), "/gateway can publish /motor_limit (topic)", False),
+            ("flows/vehicle_healthy", (), "Nothing was found that fails this gate.", True),
             (
-                "vehicle_governance_flag",
-                "/gateway can publish /motor_limit (topic)",
+                "flows/turtlesim_random_moves_turtle",
+                ("--settings", "settings/turtlesim.toml"),
+                "/random -> /move_turtle (topic) in domain 0 -> /turtlesim (even if nobody attacks). The settings",
                 False,
             ),
-            ("vehicle_healthy", "Nothing was found that fails this gate.", True),
+            (
+                "zenoh/turtlesim_generated",
+                ("--zenoh", "networks/turtlesim_generated"),
+                "/random publishes /high_priority by dropping its file; /multiplexer allows it",
+                False,
+            ),
         ],
     )
     def test_the_first_sentence_says_who_can_do_what_and_no_date_comforts(
-        self, sample: str, said: str, *, lasts: bool, repository: Path
+        self, sample: str, options: tuple[str, ...], said: str, *, lasts: bool, repository: Path
     ) -> None:
-        tree = lxml.html.document_fromstring(page_of(repository / "sample_keystores/flows" / sample))
+        samples = repository / "sample_keystores"
+        words = (str(samples / each) if (samples / each).exists() else each for each in options)
+        tree = lxml.html.document_fromstring(page_of(samples / sample, *words))
         assert tree.xpath("string(//div[@class='said']/p[1])").startswith(said)
         assert ("holds until" in tree.text_content()) is lasts
         assert ("safe until" in tree.text_content()) is lasts
@@ -157,13 +181,42 @@ class TestSystem:
     ) -> None:
         flow = Neighbourhood(path=paths[0], incoming=tuple(incoming), outgoing=tuple(outgoing))
         overview = Overview(access=table(names), neighbourhoods=(flow,))
-        view = system_picture.system(overview, (), (), paths)
+        view = system_picture.system(paths, overview, None, (), Consequences((), ()))
         tree = lxml.html.fragment_fromstring(section("system", view)).xpath(".//svg")[0]
         for box in tree.xpath("./rect"):
             text = box.getnext()
             assert 0 <= float(box.get("y")) <= view["height"] - float(box.get("height"))
             end = float(text.get("x")) + len(text.text or "") * system_picture.CHARACTER
             assert end <= float(box.get("x")) + float(box.get("width"))
+
+
+@pytest.mark.parametrize(
+    ("sample", "random", "dropping", "lines"),
+    [
+        ("turtlesim_generated", ["pub!", "sub!"], ["/keyboard", "/random", "/turtlesim"], 6),
+        ("turtlesim_clients", [], ["/zenohd"], 0),
+    ],
+)
+def test_what_each_can_do_by_the_files_of_sessions(
+    sample: str, random: list[str], dropping: list[str], lines: int, repository: Path
+) -> None:
+    """Files that restrain their owners alone, and a router that restrains all: the table, and lines of the picture."""
+    samples = repository / "sample_keystores"
+    page = page_of(samples / "zenoh" / sample, "--zenoh", str(samples / "networks" / sample))
+    tree = lxml.html.document_fromstring(page)
+    (matrix,) = tree.xpath("//table[@class='matrix routed']")
+    paths = matrix.xpath("./thead//code/text()")
+    (row,) = (each for each in matrix.xpath("./tbody/tr") if each.xpath("string(./th)") == "/high_priority")
+    cells = {path: cell.xpath("./span/text()") for path, cell in zip(paths, row.xpath("./td"), strict=True)}
+    assert (cells["/keyboard"], cells["/multiplexer"], cells["/random"]) == (["pub"], ["sub"], random)
+    dashed = {
+        path
+        for each in matrix.xpath("./tbody/tr")
+        for path, cell in zip(paths, each.xpath("./td"), strict=True)
+        if "patterned" in cell.get("class", "")
+    }
+    assert sorted(dashed) == dropping
+    assert len(tree.xpath("//figure[@class='whole']//path[@class='hop bad keys']")) == lines
 
 
 @pytest.mark.slow

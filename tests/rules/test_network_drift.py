@@ -59,7 +59,7 @@ def told(keys: Path, network: Path, code: str = "KA822", **more: Any) -> list[st
     return [each.message for each in report.findings if each.code == code]
 
 
-BEYOND = "Permissions do not let /talker publish /chatter, and the files let it."
+BEYOND = "/talker can publish /chatter by the files, and permissions do not let it."
 
 
 @pytest.mark.parametrize(
@@ -96,13 +96,13 @@ def test_what_the_grant_says(change: str, expected: list[str], tmp_path: Path) -
     ("rule", "expected"),
     [
         ("0/chatter/*/*", []),
-        ("0/other/*/*", ["Permissions do not let /talker publish /other, and the files let it."]),
-        ("5/chatter/*/*", ["Permissions do not let /talker publish /chatter, and the files let it."]),
-        ("1000/chatter/*/*", ["Permissions do not let /talker publish /chatter, and the files let it."]),
-        ("0/**", ["Permissions do not let /talker publish /any, and the files let it."]),
-        ("0/arm/$*_cmd/**", ["Permissions do not let /talker publish /arm/any_cmd, and the files let it."]),
-        ("0/**/chatter/*/*", ["Permissions do not let /talker publish /any/chatter, and the files let it."]),
-        ("0/chatter/*/* 0/rosout/*/*", ["Permissions do not let /talker publish /rosout, and the files let it."]),
+        ("0/other/*/*", ["/talker can publish /other by the files, and permissions do not let it."]),
+        ("5/chatter/*/*", ["/talker can publish /chatter by the files, and permissions do not let it."]),
+        ("1000/chatter/*/*", ["/talker can publish /chatter by the files, and permissions do not let it."]),
+        ("0/**", ["/talker can publish /any by the files, and permissions do not let it."]),
+        ("0/arm/$*_cmd/**", ["/talker can publish /arm/any_cmd by the files, and permissions do not let it."]),
+        ("0/**/chatter/*/*", ["/talker can publish /any/chatter by the files, and permissions do not let it."]),
+        ("0/chatter/*/* 0/rosout/*/*", ["/talker can publish /rosout by the files, and permissions do not let it."]),
     ],
 )
 def test_what_the_files_let_in(rule: str, expected: list[str], tmp_path: Path) -> None:
@@ -116,15 +116,15 @@ def test_a_name_of_permissions_that_a_pattern_of_a_rule_lets_in(tmp_path: Path) 
     keys = keystore(tmp_path, "rt/a*", listener="</topic>|</topic><topic>rt/cmd_vel</topic>")
     network = files(tmp_path, keys, "0/**")
     (found,) = told(keys, network)
-    assert found.startswith("Permissions do not let /talker publish /chatter (and 1 more like it)")
+    assert found.startswith("/talker can publish /chatter (and 1 more like it) by the files")
 
 
 @pytest.mark.parametrize(
     ("talker", "expected"),
     [
         ("publish|ALLOW", []),
-        ("publish|DENY", ["The policy does not let /talker publish /chatter, and the files let it."]),
-        ("subscribe|ALLOW", ["The policy does not let /talker publish /chatter, and the files let it."]),
+        ("publish|DENY", ["/talker can publish /chatter by the files, and the policy does not let it."]),
+        ("subscribe|ALLOW", ["/talker can publish /chatter by the files, and the policy does not let it."]),
     ],
 )
 def test_beyond_the_policy(talker: str, expected: list[str], tmp_path: Path) -> None:
@@ -326,7 +326,7 @@ def asserted(root: Path, keys: Path, network: Path, form: str) -> list[tuple[str
 
 
 NO_FLOW = 'no_flow = {{ from = "/talker", to = "{}", attacker = "{}" }}'
-VIOLATED = "By its files 'asserted' is violated. Asserted: "
+VIOLATED = "So the files violate 'asserted': "
 
 
 @pytest.mark.parametrize(
@@ -351,7 +351,7 @@ def test_what_settings_assert(rule: str, who: str, form: str, begins: str | None
     found = asserted(tmp_path, keys, files(tmp_path, keys, rule, who), form)
     assert len(found) == (begins is not None)
     for message, severity, places in found:
-        assert message.startswith(begins or "")
+        assert (begins or "") in message
         assert (severity, places) == (("medium", 2) if begins == VIOLATED else ("high", 1))
 
 
