@@ -188,16 +188,18 @@ def _drawn(report: Report, context: Context, accesses: AccessViews, options: Opt
     about, systems = (context.keystore, context.fleets, options.at, accesses), context.meaning.systems
     few = len(context.keystore.enclaves) <= MAX_RANKED
     ranked = blast_radius.ranked_enclaves(*about) if systems and (few or options.overview) else None
-    seen = None
+    seen = said = None
     if options.overview:
+        from keystore_audit.model.intended.meant import meant
         from keystore_audit.model.tables import overview
 
+        said = meant(context.drift, context.observed)
         seen = overview.overview(*about, options.domain, systems)
     routed = None
     if options.overview and context.network is not None:
         with suppress(BudgetExceeded):
             routed = routed_table(context.keystore, context.network, options.domain or 0, options.at, context.releases)
-    return replace(report, blast_radius=ranked, overview=seen, routed=routed)
+    return replace(report, blast_radius=ranked, overview=seen, routed=routed, meant=said)
 
 
 def _as_started(options: Options, environment: Environment) -> Options:

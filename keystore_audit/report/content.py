@@ -21,6 +21,7 @@ from keystore_audit.text import counted, shorten
 
 if TYPE_CHECKING:  # most reports draw nothing
     from keystore_audit.model.blast_radius import Ranking
+    from keystore_audit.model.intended.meant import Meant
     from keystore_audit.model.tables.overview import Overview
     from keystore_audit.zenoh.answers import RoutedTable
 
@@ -212,6 +213,8 @@ class Report(Struct, frozen=True, kw_only=True):
     """What pictures show; None where the audit was not asked for it."""
     routed: RoutedTable | None = None
     """What sessions let enclaves do; None where there is no `network`, nobody asked, or too many rights are named."""
+    meant: Meant | None = None
+    """What a policy and graphs say beside what is granted; None where none were named."""
     blast_radius: tuple[Ranking, ...] | None = None
     """Enclaves by what their keys open; None where there are more than MAX_RANKED and no page asks, none where it was
     too much work."""

@@ -231,7 +231,7 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
     return {
         "first": _first(sheet, shown),
         "scope": f"Judged for {beside}{report.scope or implementations(sheet.profiles)}, as of {instant(report.at)}.",
-        "rests": report.holds_if.replace("HOLDS IF", "Assumes:", 1),
+        "rests": _assumes(report),
         "warnings": [*warnings(report, versions=True)],
         "title": counted(len(causes), "cause"),
         "causes": shown,
@@ -264,7 +264,13 @@ def _meeting(sheet: Sheet, causes: Sequence[Cause]) -> Mapping[str, Any]:
         "causes": [(cause, [each for each in cause.every if not each.undecided][:MAX_OF_RULE]) for cause in shown],
         "left_out": len(causes) - len(shown),
         "meaning": _meaning(sheet.report),
+        "assumes": _assumes(sheet.report),
     }
+
+
+def _assumes(report: Report) -> str:
+    """What holds only if something else does, which many a page that fails has too."""
+    return report.holds_if.replace("HOLDS IF", "Assumes:", 1)
 
 
 def _basis(sheet: Sheet) -> Mapping[str, Any]:

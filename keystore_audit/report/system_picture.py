@@ -60,6 +60,10 @@ class _Topics(Struct, frozen=True, kw_only=True):
         """Who does something there that is no right."""
         return frozenset(self.marks) - self.senders - self.receivers
 
+    def told(self, whom: Iterable[str]) -> Sequence[str]:
+        """In words, with the numbers of causes."""
+        return [f"{who} ({_numbers(self.marks[who])})" if who in self.marks else who for who in sorted(whom)]
+
 
 def system(
     paths: Sequence[str],
@@ -103,7 +107,8 @@ def system(
         ],
         "edges": [edge for each in shown for edge in _edges(each, places[each.names], left, right)],
         "lines": [
-            (some(sorted(each.senders), 4), _words(each.names), some(sorted(each.receivers), 4)) for each in shown
+            (some(each.told(each.senders | each.blamed), 4), _words(each.names), some(each.told(each.receivers), 4))
+            for each in shown
         ],
         "left_out": len(every) - len(shown),
     }

@@ -219,6 +219,36 @@ def test_what_each_can_do_by_the_files_of_sessions(
     assert len(tree.xpath("//figure[@class='whole']//path[@class='hop bad keys']")) == lines
 
 
+@pytest.mark.parametrize(
+    ("sample", "option", "told", "expected"),
+    [
+        ("healthy/turtlesim", "--graph", "graphs/turtlesim.graph.json", {}),
+        ("healthy/turtlesim", "--graph", "graphs/turtlesim-missing-grant.graph.json", {"/keyboard": ["lacks"]}),
+        ("flows/vehicle_healthy", "--graph", "graphs/vehicle-excess-grant.graph.json", {"/brake": ["pub†"]}),
+        ("healthy/turtlesim", "--policy", "policies/turtlesim.policy.xml", {}),
+        (
+            "flows/turtlesim_random_moves_turtle",
+            "--policy",
+            "policies/turtlesim.policy.xml",
+            {"/random": ["pub†"]},
+        ),
+    ],
+)
+def test_what_was_meant_stands_beside_what_each_may_do(
+    sample: str, option: str, told: str, expected: dict[str, list[str]], repository: Path
+) -> None:
+    samples = repository / "sample_keystores"
+    tree = lxml.html.document_fromstring(page_of(samples / sample, option, str(samples / told)))
+    (matrix,) = tree.xpath("//table[@class='matrix']")
+    paths = [f"/{name}" for name in matrix.xpath("./thead//code/text()")]
+    found: dict[str, list[str]] = {}
+    for row in matrix.xpath("./tbody/tr[td]"):
+        for path, cell in zip(paths, row.xpath("./td"), strict=True):
+            words = [word for word in cell.xpath("./span[not(@class='tip')]/text()") if word[-1] in "†s"]
+            found |= {path: [*found.get(path, []), *words]} if words else {}
+    assert found == expected
+
+
 @pytest.mark.slow
 def test_rows_beyond_the_limit_are_counted(tmp_path: Path) -> None:
     topics = tuple(f"rt/topic_{number}" for number in range(html_tables.MAX_ROWS + 50))
