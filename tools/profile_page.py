@@ -16,12 +16,13 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from keystore_audit.profiles import ALIASES, QUIRKS, SPEC, VARIANTS, Evidence, Profile  # noqa: E402
-from keystore_audit.profiles.table import GROUP, answer, inflected, sharing  # noqa: E402
+from keystore_audit.profiles.table import FAMILIES, GROUP, answer, inflected, sharing  # noqa: E402
 
 PAGE: Final = ROOT / "docs" / "profiles.md"
 _TABLE: Final = re.compile(r"(<!-- table: (\w+) -->).*?(<!-- end -->)", re.DOTALL)
 _LETTERS: Final = {"tested": "T", "measured": "M", "read": "R", "assumed": "A", "": ""}
 _ROWS: Final = {Evidence.TESTED: "T", Evidence.MEASURED: "M", Evidence.READ: "R"}
+_NAMES: Final = {each.title: each.name for each in VARIANTS.values() if each.title != FAMILIES[each.family].title}
 
 
 def page(text: str) -> str:
@@ -48,26 +49,27 @@ def _aliases() -> Iterator[str]:
 
 def _of(group: str) -> Iterator[str]:
     """A row for each peculiarity and value: what it is about, what is done, who does it and how that is known."""
-    yield "| about | what is done | by whom | asked by |"
-    yield "|---|---|---|---|"
+    yield "| about | what is done | by whom |"
+    yield "|---|---|---|"
     notes = []
     for name, quirk in QUIRKS.items():
         if GROUP[name] != group:
             continue
-        about, asked = f"**{quirk.what}** (`{name}`; {quirk.clause})", f"{quirk.oracle}"
+        clause = quirk.clause.removeprefix(f"{SPEC.title}, ")
+        about = f"**{quirk.what}** (`{name}`; {clause}; {quirk.oracle.removesuffix('.py')})"
         by_answer: dict[str, list[Profile]] = {}
         for profile in VARIANTS.values():
             by_answer.setdefault(answer(name, profile), []).append(profile)
         for told, alike in by_answer.items():
-            yield f"| {about} | {inflected(told, several=False)} | {'; '.join(_whom(name, alike))} | {asked} |"
-            about = asked = ""
+            yield f"| {about} | {inflected(told, several=False)} | {'; '.join(_whom(name, alike))} |"
+            about = ""
         if quirk.note:
             notes.append(f"- `{name}`: {quirk.note}")
     yield from ["", *notes] if notes else []
 
 
 def _whom(name: str, alike: list[Profile]) -> Iterator[str]:
-    """Those that do the same, together where it is known in one way: `Fast DDS (T)`."""
+    """Those that do the same, together where it is known in one way: `Fast DDS (T)`, `fastdds-2.6 (M)`."""
     by_letter: dict[str, list[Profile]] = {}
     for profile in alike:
         letter = "" if profile is SPEC else _LETTERS[QUIRKS[name].known(profile)]
@@ -75,7 +77,7 @@ def _whom(name: str, alike: list[Profile]) -> Iterator[str]:
     for letter, known in by_letter.items():
         told = _known(name, known[0])
         named = sharing(known, lambda each, told=told: _known(name, each) == told)  # type: ignore[misc]
-        yield ", ".join(named) + (f" ({letter})" if letter else "")
+        yield ", ".join(_NAMES.get(each, each) for each in named) + (f" ({letter})" if letter else "")
 
 
 def _known(name: str, profile: Profile) -> tuple[str, str]:

@@ -133,8 +133,8 @@ def test_a_new_peculiarity_that_is_honoured_changes_what_can_says(copy: Copy, ma
 
 def test_a_new_peculiarity_is_in_the_page_of_profiles(copy: Copy) -> None:
     with_switch(copy)
-    rows = [line.split(" | ")[1:3] for line in copy.page().splitlines() if "| passes them over |" in line]
-    assert rows == [["passes them over", "New DDS (R)"]]
+    rows = [line.split("|")[2:4] for line in copy.page().splitlines() if "| passes them over |" in line]
+    assert rows == [[" passes them over ", " New DDS (R) "]]
 
 
 def _without_field(copy: Copy) -> None:
