@@ -22,7 +22,11 @@ PAGE: Final = ROOT / "docs" / "profiles.md"
 _TABLE: Final = re.compile(r"(<!-- table: (\w+) -->).*?(<!-- end -->)", re.DOTALL)
 _LETTERS: Final = {"tested": "T", "measured": "M", "read": "R", "assumed": "A", "": ""}
 _ROWS: Final = {Evidence.TESTED: "T", Evidence.MEASURED: "M", Evidence.READ: "R"}
-_NAMES: Final = {each.title: each.name for each in VARIANTS.values() if each.title != FAMILIES[each.family].title}
+_NAMES: Final = {each.title: each.name for each in VARIANTS.values() if each.title != FAMILIES[each.family].title} | {
+    FAMILIES[SPEC.family].title: SPEC.name
+}
+_ASKED: Final = "vendors/test_local_decisions.py"
+"""The test that asks most rows."""
 
 
 def page(text: str) -> str:
@@ -55,8 +59,8 @@ def _of(group: str) -> Iterator[str]:
     for name, quirk in QUIRKS.items():
         if GROUP[name] != group:
             continue
-        clause = quirk.clause.removeprefix(f"{SPEC.title}, ")
-        about = f"**{quirk.what}** (`{name}`; {clause}; {quirk.oracle.removesuffix('.py')})"
+        sources = [quirk.clause.removeprefix(f"{SPEC.title}, "), *({quirk.oracle} - {_ASKED})]
+        about = f"**{quirk.what}** (`{name}`; {'; '.join(sources)})"
         by_answer: dict[str, list[Profile]] = {}
         for profile in VARIANTS.values():
             by_answer.setdefault(answer(name, profile), []).append(profile)
