@@ -82,7 +82,7 @@ _WORDS: Final = {
     ),
     Assumption.NO_OTHER_DOCUMENTS: (
         "no other signed documents exist",
-        "No document that peers take was signed but those that are here.",
+        "All signed documents that peers accept are among those found here.",
     ),
     Assumption.NOTHING_IN_UNREAD_FILES: (
         "unread files hold no keys, certificates or documents",
@@ -94,7 +94,7 @@ _WORDS: Final = {
     ),
     Assumption.SESSIONS_END_WITH_GRANTS: (
         "sessions end with grants",
-        "A running session ends when the grant that it rests on does.",
+        "A running session ends when its grant ends.",
     ),
     Assumption.LOCKSTEP_ROUNDS: (
         "nodes run in lockstep rounds",

@@ -66,12 +66,12 @@ def compare_keystores(
     ]
     removed = {path for each in found.changes if each.kind == "enclave-removed" for path in each.enclaves}
     unnamed = removed - {each.enclave for each in intended.policy.profiles} if intended.policy is not None else ()
-    forbidden: list[_Forbidden] = [(path, None, f"the policy says nothing of {path}") for path in unnamed]
+    forbidden: list[_Forbidden] = [(path, None, f"the policy does not name {path}") for path in unnamed]
     forbidden += [(path, right[0], words) for (path, right), words in _beyond(still.exceeding(), after.exceeding())]
     changes = [replace(each, against=tuple(_against(each, forbidden))) for each in found.changes]
     until = max((each.until for each in changes if each.until), default=None)
     counting = [
-        _change("forbidden", None, f"{words} while what was signed before counts", found, until)
+        _change("forbidden", None, f"{words} while older signed documents count", found, until)
         for _key, words in _beyond(still.violated(), after.violated())
     ]
     undecided = (
@@ -88,7 +88,7 @@ _Forbidden = tuple[str | None, str | None, str]
 
 
 def _against(change: Change, forbidden: Iterable[_Forbidden]) -> Iterator[str]:
-    """Why what is lost, and still effective, was not to be there."""
+    """Why a right that is lost, but still effective, was never intended."""
     for path, operation, words in forbidden if change.until else ():
         if path in change.enclaves and operation in (None, change.operation):
             yield words
@@ -117,31 +117,31 @@ def _beyond(one: Mapping[_Key, str], other: Iterable[_Key]) -> Iterator[tuple[_K
 
 
 class _Asked:
-    """What of the intended does not hold of one keystore, by what tells it apart in words."""
+    """What of the intended does not hold for one keystore, in words, by what identifies it."""
 
     def __init__(self, keystore: Keystore, intended: Intended, given: Circumstances) -> None:
         self._keystore, self._intended, self._accesses = keystore, intended, given.accesses(keystore)
         self._profiles, self._at, self._domain = given.profiles, given.at, given.domain
 
     def lacking(self) -> dict[_Key, str]:
-        """Rights that the policy or a node has need of and the keystore does not give, and claims that are violated."""
+        """Rights that the policy or a node needs and the keystore does not grant, and claims that are violated."""
         found: dict[_Key, str] = {}
         for each in self.drifts.enclaves if self.drifts else ():
             if each.lacking.more:
-                words = f"may no longer do {each.lacking.more} more things that the policy says"
+                words = f"may no longer do {each.lacking.more} more things that the policy allows"
                 found[each.enclave, ("more", str(each.lacking.more))] = words
             for right in each.lacking.rights if each.own else ():
                 key = each.enclave, (right.operation.value, right.topic, right.partition)
-                found[key] = f"may no longer {right.operation.value} {ros_name(right.topic)}, as the policy says"
+                found[key] = f"may no longer {right.operation.value} {ros_name(right.topic)}; the policy allows it"
         if self._intended.intents:
             asked = (self._intended.intents, self._keystore, self._profiles, self._at, self._accesses, self._domain)
             for need in (missing.need for missing in observe(*asked).missing):
                 what = f"{need.action.value} {need.name}" if need.action is not None else "take part in discovery"
-                found[need.enclave, (need.node, what)] = f"may no longer {what}, as {need.node or 'a node'} does"
+                found[need.enclave, (need.node, what)] = f"may no longer {what}; {need.node or 'a node'} needs it"
         return found | self.violated()
 
     def exceeding(self) -> dict[_Key, str]:
-        """Rights that documents give and the policy does not; of any operation where not all are listed."""
+        """Rights that documents grant and the policy does not; for every operation where not all are listed."""
         found: dict[_Key, str] = {}
         for each in self.drifts.enclaves if self.drifts else ():
             whom = f"the policy does not let {each.enclave}"
@@ -151,7 +151,7 @@ class _Asked:
             if each.exceeding.more:
                 for operation in Operation:
                     key = each.enclave, (operation.value, each.document, str(each.exceeding.more))
-                    found[key] = f"{whom} do {each.exceeding.more} more things that documents give"
+                    found[key] = f"{whom} do {each.exceeding.more} more things that documents grant"
         return found
 
     @cached_property

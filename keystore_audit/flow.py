@@ -273,8 +273,8 @@ def find_routed_radius(
 
     if who in (Stolen.IDENTITY_CA.value, Stolen.PERMISSIONS_CA.value):
         raise UsageError(
-            "By files of sessions and routers, whoever holds an identity CA's key is every enclave, and permissions "
-            "have no say: ask about an enclave."
+            "By session and router files, the holder of an identity CA's key can be any enclave, and permissions do "
+            "not count. Ask about an enclave."
         )
     flows = flows_in(given.keystore(path), folder, given.at)
     enclave = flows.keystore.enclave(who)
@@ -285,7 +285,7 @@ def find_routed_radius(
         for right in channels(*words, domain)
     ]
     if len(rights) > MAX_RIGHTS:
-        raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named: ask with `can`.")
+        raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named; `can` answers about one.")
     return StolenAnswer(
         who=who,
         at=given.at,
@@ -326,7 +326,7 @@ class _Asking:
                     certificate = system.certificates[number]
                     keys.setdefault(certificate.key, (certificate.label, certificate.location))
         if len(keys) > MAX_KEYS:
-            raise BudgetExceeded(f"{len(keys)} authorities' keys are more than can be tried (limit {MAX_KEYS}).")
+            raise BudgetExceeded(f"{len(keys)} authorities' keys are too many to try (limit {MAX_KEYS}).")
         for key, (name, location) in keys.items():
             yield self._authority(stolen, key, name, location)
 

@@ -119,7 +119,7 @@ def passed_over(options: Options, profiles: Sequence[Profile], environment: Envi
     missing = set(started_with(environment)) - {profile.name for profile in profiles} if named else ()
     if missing:
         left_out = ", ".join(sorted(missing))
-        found.append(f"--profile leaves out {left_out}, with which robots of {environment.file.path} may start")
+        found.append(f"--profile leaves out {left_out}, which robots of {environment.file.path} may run")
     return tuple(found)
 
 

@@ -393,4 +393,4 @@ def _not_compared(context: Context) -> Iterator[str]:
         yield "The nodes that will use the keystore (--graph, --launch)."
     elif context.observed.unused:
         unused = listed(context.observed.unused)
-        yield f"What {unused} may do: no node that --graph or --launch shows is in there."
+        yield f"What {unused} may do: no node of --graph or --launch runs there."

@@ -111,7 +111,7 @@ def _look(observer: Any) -> tuple[list[dict[str, object]], list[str]]:
     namesakes = Counter(f"{namespace.rstrip('/')}/{name}" for name, namespace, _enclave in found)
     left_out = [
         *(
-            f"{count} nodes are called {name!r}: ROS tells what one of them does"
+            f"{count} nodes are called {name!r}: ROS reports what one of them does"
             for name, count in namesakes.items()
             if count > 1
         ),

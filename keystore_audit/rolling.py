@@ -42,7 +42,7 @@ RESTING_ON_GRANTS: Final = {
 }
 """Properties that another document may make hold: what it grants is no violation any more."""
 
-_MISMATCH: Final = "endpoints under governances that differ need not match (KA416), and those of OLD and NEW differ"
+_MISMATCH: Final = "endpoints under different governances might not match (KA416), and those of OLD and NEW differ"
 
 State = frozenset[Version]
 """Which enclaves carry which files; those of which nothing is said are not there."""

@@ -101,7 +101,7 @@ class Suggester:
         if certificate is None:
             raise UsageError(f"The certificate of {policy.path!r} cannot be read: a grant has to name its subject.")
         if any(terminal(sign) != sign for sign in certificate.subject):
-            raise UsageError(f"The subject {certificate.subject!r} holds what no plain document can.")
+            raise UsageError(f"The subject {certificate.subject!r} has characters that no plain document can hold.")
         domains = self._domains(enclave)
         if not domains:
             raise UsageError(f"The governance of {policy.path!r} names no domain: say which with --domain.")
@@ -116,7 +116,7 @@ class Suggester:
         name.
         """
         for path in sorted(({*addresses} if router is None else {router}) - {*self._enclaves}):
-            raise UsageError(f"There is no enclave {path!r}, which could listen.")
+            raise UsageError(f"There is no enclave {path!r} that could listen.")
         if router is not None:
             addresses = {router: addresses.get(router) or self._own_address(router)}
         names = Counter(self._party(each).name for each in self._keystore.enclaves)

@@ -199,7 +199,7 @@ class Case:
     def kinds(self) -> str:
         """The protection kinds that apply to the channel, in words."""
         if self.topic_rule is None or self.domain_rule is None:
-            return "no rule of the governance is about it"
+            return "no governance rule covers it"
         return (
             f"rtps_protection_kind is {self.domain_rule.rtps_protection_kind.value}, "
             f"metadata_protection_kind {self.topic_rule.metadata_protection_kind.value}, "
@@ -240,8 +240,8 @@ def step_at(location: Location | None, witness: str, *, channel: str | None = No
 
 
 def plainest(system: System, witnesses: Sequence[Witness]) -> Witness:
-    """The witness that is understood without a second look: an enclave of the keystore, the default partition, a
-    topic of users that documents name, an enclave that nothing grants anything on it, a short name; else the first.
+    """The witness that is easiest to understand; of equal ones the first. Preferred are an enclave of the keystore,
+    the default partition, a user's topic that documents name, an enclave without a grant on it, and a short name.
     """
 
     @cache
@@ -270,19 +270,19 @@ def plainest(system: System, witnesses: Sequence[Witness]) -> Witness:
     return min(witnesses, key=rank)
 
 
-# Why an enclave gets its samples taken on a channel, or reads it: by which right, flag, or keys.
+# Why an enclave can publish on a channel, and peers accept it, or can read it: by which right, flag, or keys.
 #
 # Each in words that follow a colon (empty: by a grant of the permissions CA), with the lines.
 
 
-_BY_PATTERN: Final = "it may be in a partition that is a pattern, which meets this one"
-"""How a right is used that is about other partitions (KA637)."""
+_BY_PATTERN: Final = "its partition may be a pattern that matches this partition"
+"""How a right for other partitions is used here (KA637)."""
 
 _BY_ITSELF: Final[dict[Operation, str]] = {
-    Operation.SUBSCRIBE: "its own implementation lets it read there; honest peers would not, but who attacks "
+    Operation.SUBSCRIBE: "its own implementation lets it read there; honest peers would refuse it, but an attacker "
     "gives its keys to anybody",
-    Operation.PUBLISH: "its own implementation lets it write there; honest peers would not take it, but who "
-    "attacks takes samples from anybody",
+    Operation.PUBLISH: "its own implementation lets it write there; honest peers would refuse it, but an attacker "
+    "takes samples from anybody",
 }
 """How an endpoint is used that honest peers refuse."""
 
@@ -307,8 +307,8 @@ def way(case: Case, enclave: int, operation: Operation, *, alone: bool) -> Told:
 
 
 def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Told | None:
-    """Without any key, as members of the trust domain of `case` protect the channel; else, where the enclave (None:
-    nobody's) has no keys for it there, as those of another one do, or by its rights with these; None: nowhere.
+    """How anybody gets to the channel without a key, or the enclave by a right in another trust domain. None: nowhere.
+    Others than the trust domain of `case` count where the enclave (None: nobody) has no keys in that one.
     """
     writes = operation == Operation.PUBLISH
     for number in sorted(range(len(case.views)), key=lambda each: each != case.trust_domain):
@@ -327,7 +327,7 @@ def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Told | 
 
 
 def beyond_grants(case: Case, operation: Operation) -> Told:
-    """How the enclave of `case` does what the permissions CA did not grant it: by a flag, a concession, or keys."""
+    """How the enclave of `case` does what the permissions CA did not grant it: by a flag, its peers, or its keys."""
     enclave = case.witness[Role.ENCLAVE]
     found = _uncontrolled(case, enclave, operation) or _peer_authorised(case, enclave, operation)
     return _shown(case, enclave, found) if found is not None else _by_keys(case, enclave)
@@ -345,7 +345,7 @@ def _by_keys(case: Case, enclave: int) -> Told:
     """By the keys that an enclave holds as a participant, reader or relay; or by what it says of its endpoints."""
     why = f"with the keys that it holds, since {case.kinds()}"
     if case.view.abilities(enclave).unannounced >> case.number & 1:
-        why = "by announcing its endpoint as free of access control: peers believe it, and no file here changes that"
+        why = "it can announce its endpoint as free of access control; peers believe it, and no file here prevents it"
     return _shown(case, enclave, (why, case.governance_steps()))
 
 
@@ -366,14 +366,14 @@ def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Told | None
 
 
 def _peer_authorised(case: Case, number: int, operation: Operation) -> Told | None:
-    """By a right that peers concede though the permissions CA did not give it."""
+    """By a right that peers accept although the permissions CA did not grant it."""
     enclave = case.system.enclaves[number]
     as_whom = (
-        (case.has_authority_key(enclave.identity), "its key is that of the permissions CA"),
-        (case.view.self_granting(number), "it can sign itself permissions that its peers accept"),
+        (case.has_authority_key(enclave.identity), "its key is the permissions CA's key"),
+        (case.view.self_granting(number), "it can sign its own permissions, and its peers accept them"),
         (
             case.view.issuing(number),
-            "its key is that of an identity CA, so that it can issue itself the identity of whomever a grant names",
+            "its key is an identity CA's key, so it can issue itself any identity that a grant names",
         ),
     )
     for so, why in as_whom:
@@ -382,7 +382,7 @@ def _peer_authorised(case: Case, number: int, operation: Operation) -> Told | No
     for right in case.rights(number, operation):
         if right.document not in case.view.genuine:
             label = case.system.documents[right.document].label
-            why = f"{label} grants it, which the permissions CA did not sign and peers accept"
+            why = f"{label} grants it; the permissions CA did not sign this document, but peers accept it"
             return _along(case, number, right.location, why)
     return None
 

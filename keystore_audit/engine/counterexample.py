@@ -51,7 +51,7 @@ def _identity(case: Case) -> Told:
         (not any(issuer.authority for issuer in issuers), "its issuer may not issue certificates"),
         (True, "its issuer is not in force"),
     )
-    text = f"The identity of {case.enclave.label} ({identity.label}) is not one that its peers may trust: {why}."
+    text = f"Peers cannot trust the identity of {case.enclave.label} ({identity.label}): {why}."
     return text, (case.identity_step(case.enclave),)
 
 
@@ -71,7 +71,7 @@ def _document(case: Case) -> Told:
         (number in case.view.genuine, f"is signed by {signer}, which is not in force"),
         (
             all(map(case.has_authority_key, signers)),
-            f"names {signer} as its signer, which has the permissions CA's key and is another certificate",
+            f"names {signer} as its signer, another certificate with the permissions CA's key",
         ),
         (True, f"is signed by {signer}, not by the permissions CA alone"),
     )
@@ -89,14 +89,14 @@ def _grants_itself(case: Case) -> Told:
     enclave, who = case.enclave, case.enclave.label
     steps = (case.identity_step(enclave),)
     if case.has_authority_key(enclave.identity):
-        return f"{who} can sign itself permissions: its key is that of the permissions CA.", steps
+        return f"{who} can sign its own permissions: its key is the permissions CA's key.", steps
     if enclave.identity is not None and case.view.self_granting(case.witness[Role.ENCLAVE]):
         return _signs(case, enclave.identity)
     what = who
     if enclave.document is not None:
         document = case.system.documents[enclave.document]
         what, steps = document.label, (step_at(document.location, document.label, enclave=who),)
-    return f"{who} has permissions that the permissions CA did not sign and peers accept: {what}.", steps
+    return f"{who} has permissions that peers accept although the permissions CA did not sign them: {what}.", steps
 
 
 def _signs(case: Case, identity: int) -> Told:
@@ -108,13 +108,13 @@ def _signs(case: Case, identity: int) -> Told:
     signer = certificates[signing]
     whose = "its identity" if signing == identity else "a certificate of its key"
     if signer.key != own:
-        whose = "a certificate of whose key nobody knows who has it"
+        whose = "a certificate whose key anybody may have"
     issued = "also issued" if signer.issuers & authorities else "is above"
     above_it = sorted((signer.issuers & below) - authorities - {signing})
     shown = [certificates[number] for number in (*([signing] if signing != identity else []), *above_it)]
     text = (
-        f"{enclave.label} can sign itself permissions: the permissions CA {issued} {whose} ({signer.label}), and these "
-        "implementations accept any signer that the CA issued."
+        f"{enclave.label} can sign its own permissions: the permissions CA {issued} {whose} ({signer.label}), and "
+        "these implementations accept any signer that the CA issued."
     )
     steps = (step_at(each.location, each.label, enclave=enclave.label) for each in shown)
     return text, (case.identity_step(enclave), *steps)
@@ -125,8 +125,8 @@ def _one_authority(case: Case) -> Told:
     one, other = (certificates[case.witness[role]] for role in (Role.CERTIFICATE, Role.OTHER_CERTIFICATE))
     alike = f"{one.label} is" if one is other else f"{one.label} and {other.label} have one key: it is"
     text = (
-        f"{alike} identity CA and permissions CA, so whoever has an identity of it passes for a signer of "
-        "permissions wherever the signer is not pinned."
+        f"{alike} both identity CA and permissions CA. Where the signer is not pinned, peers accept permissions "
+        "signed by anybody with an identity from it."
     )
     return text, tuple(dict.fromkeys(step_at(each.location, each.label) for each in (one, other)))
 
@@ -135,7 +135,7 @@ def _shared_subject(case: Case) -> Told:
     one, other = case.enclave, case.system.enclaves[case.witness[Role.OTHER]]
     grants = [grant.location for grant in case.system.grants if {one.identity, other.identity} <= grant.names]
     named = (step_at(place, one.label) for place in grants[:1])
-    text = f"A grant names {one.label} and {other.label} alike: each has the rights of both."
+    text = f"A grant names both {one.label} and {other.label}: each has the rights of both."
     return text, (*named, case.identity_step(one), case.identity_step(other))
 
 
@@ -182,7 +182,7 @@ def _unenforced(case: Case) -> Told:
         )
         kind, _is_on, place, _asked = min(controls, key=lambda each: (each[1], not case.granted_steps(*each[3])))
         why, off = f"enable_{kind}_access_control is false", (case.step(place),)
-    text = f"The grants on {case.topic} are not asked for: {why}."
+    text = f"The grants on {case.topic} are not enforced: {why}."
     return text, (*off, *case.granted_steps(PUBLISH, SUBSCRIBE))
 
 
@@ -218,8 +218,8 @@ def _bridge(case: Case) -> Told:
     other = case.system.enclaves[writer]
     guise = "" if writer == enclave else f" as {other.label}, whose key it has"
     text = (
-        f"{case.enclave.label} can read {case.topic} and write {there.topic}{guise}: what is said in the one can "
-        "get into the other."
+        f"{case.enclave.label} can read {case.topic} and write {there.topic}{guise}: data can get from the first "
+        "to the second."
     )
     reads = case.right_steps(enclave, SUBSCRIBE) or case.governance_steps()
     return text, reads + (there.right_steps(writer, PUBLISH) or there.governance_steps())
@@ -249,10 +249,10 @@ _TELLERS: Final[Mapping[str, Callable[[Case], Told]]] = {
     ),
     stated.OUTSIDERS_CANNOT_INJECT.id: _outsider("can send samples on {}", SUBSCRIBE, door=True),
     stated.OUTSIDERS_CANNOT_REPLAY.id: _outsider(
-        "can send recorded samples of {} again, and forge the messages that say what was sent", SUBSCRIBE, door=True
+        "can replay recorded samples of {}, and forge the messages that say what was sent", SUBSCRIBE, door=True
     ),
     stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _outsider(
-        "can say that a writer of {} is alive", SUBSCRIBE, why=_unprotected("liveliness", "authenticated"), door=True
+        "can assert that a writer of {} is alive", SUBSCRIBE, why=_unprotected("liveliness", "authenticated"), door=True
     ),
     stated.GRANTS_ARE_ENFORCED.id: _unenforced,
     stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _insider("publish {}, and peers accept it", PUBLISH),

@@ -40,7 +40,7 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
     if claim.kind is ClaimKind.ABLE:
         return Counterexample(text=f"{_nothing_gets_there(then, claim)}{when}.", steps=())
     if not any(answer.witnesses):
-        return Counterexample(text=f"It is violated, and no example was given{when}.", steps=())
+        return Counterexample(text=f"It is violated; the engine gave no example{when}.", steps=())
     case = Case(then, answer.witnesses[0])
     if (unread := not_excluded(then, *case.named())) is not None:
         return unread
@@ -49,7 +49,7 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
 
 
 def describe_flow(system: System, claim: ClaimAtom, stages: Sequence[Stage]) -> Counterexample:
-    """A flow, moment by moment: who gets something may keep it, and pass it on later."""
+    """A flow, moment by moment: a receiver may keep data and pass it on later."""
     routes: list[str] = []
     ways: list[Told] = []
     attacker, when = Attacker.HONEST, ""
@@ -65,7 +65,7 @@ def describe_flow(system: System, claim: ClaimAtom, stages: Sequence[Stage]) -> 
         routes.append(_route(part, hops) + ((when or " now") if len(stages) > 1 else ""))
         attacker = attacker if _by_right(part, hops) else claim.attacker
         ways += [way for hop in hops for way in hop_ways(part, *hop)]
-    route = "; then, of what was kept, ".join(routes)
+    route = "; later, of what was kept, ".join(routes)
     if (unread := not_excluded(system, route)) is not None:
         return unread
     reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(why for why, _steps in ways if why))
@@ -74,7 +74,7 @@ def describe_flow(system: System, claim: ClaimAtom, stages: Sequence[Stage]) -> 
 
 
 def _nothing_gets_there(system: System, claim: ClaimAtom) -> str:
-    """Between which places, and what may keep it from them beside rights."""
+    """Between which places, and what may prevent it apart from rights."""
     asked = claims_at(system, 2 * system.now, Decisions(system))
     between, numbers = "there", list(asked.cut_off(claim))
     if len(claim.pairs) > 1:
@@ -84,18 +84,18 @@ def _nothing_gets_there(system: System, claim: ClaimAtom) -> str:
     ending = some(sorted(system.enclaves[number].label for number in asked.ending(claim)), 1)
 
     def opened(**freed: Any) -> bool:
-        """Whether something would get between them if it were not for that."""
+        """Whether something would get between them without that obstacle."""
         other = replace(system, **freed)
         return next(claims_at(other, 2 * system.now, Decisions(other)).cut_off(claim), None) not in numbers[:1]
 
     made = (replace(each, refused_writes=frozenset(), refused_reads=frozenset()) for each in system.enclaves)
     welcome = (replace(each, refuses=frozenset(), told=None) for each in system.trust_domains)
     reasons = (
-        (opened(enclaves=(*made,)), ", some of which their own implementations refuse them (`can` says why)"),
-        (ending, f": {ending} can start now, and not at every instant until then"),
+        (opened(enclaves=(*made,)), ", of which their own implementations refuse some (`can` says why)"),
+        (ending, f": {ending} can start now, but not at every instant until then"),
         (
             opened(trust_domains=(*welcome,)),
-            "; enclaves refuse identities of others, by what their CA files and revocation lists are",
+            "; enclaves refuse identities of others because of their CA files or revocation lists",
         ),
     )
     return f"Nothing gets {between} with the rights that enclaves have{''.join(why for so, why in reasons if so)}"
@@ -105,7 +105,7 @@ def _told_place(system: System, place: Place) -> str:
     names = [system.enclaves[enclave].label for enclave in sorted(place.enclaves)]
     topics = sorted({system.channels[channel].topic for channel in place.channels}, key=lambda name: (len(name), name))
     names += [ros_name(topic) for topic in topics[:1]]
-    return names[0] if names else "anybody on the network" if place.outsider else "what is not there, or was not read"
+    return names[0] if names else "anybody on the network" if place.outsider else "something missing or unread"
 
 
 def _somebody(case: Case, claim: ClaimAtom) -> Told:
@@ -122,7 +122,7 @@ def _somebody(case: Case, claim: ClaimAtom) -> Told:
         why, steps, able = case.kinds(), case.governance_steps(), case.view.abilities(enclave)
         if (able.may_read | ~able.overhears) >> case.number & 1:
             why, steps = way(case, enclave, operation, alone=False)
-        return f"{who}, which may not, {does}: {why}", steps
+        return f"{who} {does}, but has no right to: {why}", steps
     if case.witness.get(Role.WITH_IDENTITY):
         return _known(case, does, _let_in(case, operation))
     if publishing:
@@ -133,22 +133,22 @@ def _somebody(case: Case, claim: ClaimAtom) -> Told:
 
 
 def _known(case: Case, does: str, joining: str) -> Told:
-    """What whoever has an identity of the CA does: by permissions that it signs itself, or since it joins at all."""
+    """What any holder of an identity from the CA can do: by signing its own permissions, or because it can join."""
     if not case.view.granted_by_known >> case.number & 1:
         grant = " and some grant of the permissions CA" if case.view.reading.requires_grant else ""
-        why = f"robots elsewhere too, since enable_join_access_control is false, and {joining}"
-        return f"Whoever has an identity of the CA{grant} {does} without a grant to, {why}", case.governance_steps()
+        why = f"including robots elsewhere: enable_join_access_control is false, and {joining}"
+        return f"Anybody with an identity of the CA{grant} {does} without a grant to, {why}", case.governance_steps()
     authority = case.system.certificates[min(case.view.issuing_signers)]
     text = (
-        f"Whoever has an identity of the CA that is fit to sign {does}, robots elsewhere too, by permissions that it "
-        f"signs itself: {shorten(authority.label, MAX_SUBJECT)} stands for identities and for permissions, and these "
+        f"Anybody with an identity of the CA that is fit to sign {does}, including robots elsewhere, by signing their "
+        f"own permissions. {shorten(authority.label, MAX_SUBJECT)} is both identity CA and permissions CA, and these "
         "implementations accept any signer that it issued"
     )
     return text, (case.step(authority.location),)
 
 
 def _let_in(case: Case, operation: Operation) -> str:
-    """Why who has joined the domain needs no grant: nobody asks, or all have the keys."""
+    """Why a participant in the domain needs no grant: access control is off, or all participants have the keys."""
     protection, writes = case.view.protection, operation is Operation.PUBLISH
     controlled = protection.write_controlled if writes else protection.read_controlled
     if controlled >> case.number & 1:
@@ -157,7 +157,7 @@ def _let_in(case: Case, operation: Operation) -> str:
 
 
 def _stranger(case: Case, does: str, operation: Operation) -> Told:
-    """By what somebody does it who has a certificate that no enclave has, or one that was left out."""
+    """How the holder of a certificate that no enclave has, or of one that was left out, does it."""
     system, view, identity = case.system, case.view, case.witness[Role.CERTIFICATE]
     able, writes = view.elsewhere[identity], operation is Operation.PUBLISH
     documents = view.accepted if writes else view.accepted - view.genuine if able.may_read >> case.number & 1 else ()
@@ -173,10 +173,10 @@ def _stranger(case: Case, does: str, operation: Operation) -> Told:
     if known is not None:
         who = known
     elif beside:
-        who = f"{who} beside {beside[0]}, whose certificate peers refuse,"
+        who = f"{who} other than {beside[0]}, whose certificate peers refuse,"
     else:
         who = f"{who}, which is no enclave {read},"
-    why = f"peers take the grant in {taken[0]} from whoever has that subject" if taken else _let_in(case, operation)
+    why = f"peers accept the grant in {taken[0]} from anybody with that subject" if taken else _let_in(case, operation)
     text = f"{who} {does}{'' if writes else ' without a right to'}: {why}"
     return text, (*steps, *(() if writes and taken else case.governance_steps()))
 
@@ -187,7 +187,7 @@ def left_out(system: System, certificate: int) -> str | None:
 
 
 def _then_at(system: System, moment: int) -> tuple[str, System]:
-    """Since when it is so, where that is not now, and the system as it is then."""
+    """From when on it is so, unless now, and the system at that moment."""
     index, after = divmod(moment, 2)
     since = f", {'after' if after else 'from'} {instant(system.instants[index])}{'' if after else ' on'}"
     return since if moment != 2 * system.now else "", moments.at(system, moment)
@@ -237,10 +237,10 @@ def _by_right(claim: ClaimAtom, hops: Sequence[tuple[Case, Leg]]) -> bool:
 
 
 def hop_ways(claim: ClaimAtom, case: Case, leg: Leg) -> list[Told]:
-    """Why a sample gets over: one way for the end that sends and one for the end that gets it.
+    """Why a sample gets across: one way for its sender and one for its receiver.
 
-    A channel that the claim names is a place, where a flow begins or ends by itself. Who gets the sample and listens,
-    or attacks, asks for no right: its sender need only make a writer.
+    A flow begins or ends by itself at a channel that the claim names. A receiver that listens, or attacks, checks no
+    right: its sender need only make a writer.
     """
     sender, receiver = leg.sender, leg.receiver
     shows = sender is not None and (
@@ -275,11 +275,11 @@ def _shared_domain(case: Case, claim: ClaimAtom) -> Told:
         text = f"As {one} both sides can join {domain}"
     elif len(joining) == 1:
         text = (
-            f"{one} can join {domain}, where {other} starts too, by what its own implementation makes of its "
-            "permissions: it refuses nobody who may be there, and who attacks takes it"
+            f"{one} can join {domain}. By its own implementation's reading of its permissions, {other} starts there "
+            "too: it refuses nobody who may be there, and an attacker accepts it"
         )
     else:
-        how = "" if len(here) > 1 else ", each let in by other peers"
+        how = "" if len(here) > 1 else ", but different peers accept each"
         if case.view.protection.unauthenticated >> asked & 1:
             how = ", where anybody is let in without an identity"
         text = f"{one} and {other} can both join {domain}{how}"

@@ -124,7 +124,7 @@ class Processes:
             said = future.result()
         except (EOFError, OSError):
             worker.await_end()
-            return Lost(reason="The process that was at it ended before its time (killed, or out of memory).")
+            return Lost(reason="Its worker process ended early (killed, or out of memory).")
         except Exception as error:  # noqa: BLE001 - what cannot be sent or read is one task's: the next has a new process
             worker.stop()
             return _failed(error)
@@ -232,7 +232,7 @@ class Cluster:
         except CancelledError as cancelled:
             error = cancelled
         if error is not None:
-            return Lost(reason=f"The cluster has not carried it out ({type(error).__name__}).")
+            return Lost(reason=f"The cluster did not carry it out ({type(error).__name__}).")
         return future.result()
 
     def close(self) -> None:

@@ -133,8 +133,8 @@ def read_environment(path: Path) -> Environment:
         exports.setdefault(True, other)
     if len(exports) > 1:
         raise UsageError(
-            f"{path}:{max(exports.values())}: lines with export beside others without: a shell keeps these to itself, "
-            "systemd and containers do not take those; expected either."
+            f"{path}:{max(exports.values())}: some lines have export and others do not. A shell does not pass on lines "
+            "without it; systemd and containers refuse lines with it. Expected one form."
         )
     return Environment(file=file, settings=found)
 
@@ -170,8 +170,8 @@ def _pass_over(name: str, text: str, place: str) -> None:
     value = match[0] if match is not None else ""
     if _COMMENT.fullmatch(text[len(value) :]) is None or any(each in value for each in VARIABLES):
         raise UsageError(
-            f"{place}: more than one assignment, a command, or the name of a variable that counts; expected "
-            "NAME=VALUE, what is special to a shell between single quotes."
+            f"{place}: more than one assignment, a command, or the name of a variable that counts. Expected "
+            "NAME=VALUE, with shell metacharacters between single quotes."
         )
     if name in _RUN:
         raise UsageError(f"{place}: {_RUN[name].format(name)}; expected no such assignment.")

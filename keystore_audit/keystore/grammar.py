@@ -32,7 +32,7 @@ _ELEMENT: Final = type(etree.Element("dds"))
 _CURRENT: Final = "1.1"
 _OLD: Final = "1.0"
 _OLD_IS_READ: Final = {  # rules of permissions differ in the order of publish, subscribe and relay alone
-    "governance": "which readers of 1.1 refuse or read as they like",
+    "governance": "which readers of 1.1 refuse or interpret differently",
     "permissions": facts.ORDER_OF_1_0,
 }
 _RAISED_BY_XMLSCHEMA: Final = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError)

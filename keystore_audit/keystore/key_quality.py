@@ -181,13 +181,13 @@ def weaknesses(material: Material) -> Iterator[Weakness]:
         small = weak_numbers.small_points(_CURVES[curve]) if curve in _CURVES else frozenset()
         for point in sorted(found):
             if point[0] in small:
-                near = f"has a private scalar within {weak_numbers.SMALL_SCALAR} of zero: anybody finds it"
+                near = f"has a private scalar within {weak_numbers.SMALL_SCALAR} of zero: anybody can find it"
                 yield _of(near, [found[point]])
     for group in related_keys(keys):
         both = (
-            "is the negative of another of this run: whoever has one private key has both"
+            "is the negative of another of this run: one private key gives both"
             if group[0].curve
-            else "is RSA and shares a prime factor with another of this run: anybody computes both"
+            else "is RSA and shares a prime factor with another of this run: anybody can compute both"
         )
         yield _of(both, group)
     yield from _repeated(keys, material.signed)
@@ -252,7 +252,7 @@ def _repeated(keys: Sequence[PublicKey], signed: Iterable[Signed]) -> Iterator[W
                     break
         for key_id, by_one in made.items():
             if len(by_one) > 1:
-                fact = "made ECDSA signatures over different content with one nonce: anybody computes it from them"
+                fact = "made ECDSA signatures over different content with one nonce: anybody can compute it from them"
                 yield Weakness(fact=fact, keys=(key_id,), places=tuple(each.place for each in by_one))
 
 

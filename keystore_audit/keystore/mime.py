@@ -37,7 +37,7 @@ _CONTENT_TYPE: Final = re.compile(rb"""([\w/.+-]+)((?:;\s*[\w-]+=("?)[^\s";]{2,}
 """With parameters; OpenSSL does not see a value of one character between quotes."""
 _PARAMETER: Final = re.compile(rb"""([\w-]+)="?([^\s";]+)""")
 
-_ODD_HEADER: Final = "a header that is not as writers of signed messages make it, which readers take in their own ways"
+_ODD_HEADER: Final = "a header that writers of signed messages do not make, and that readers interpret differently"
 
 _TEXT: Final = b"content-type: text/plain\r\n\r\n"
 """What the signed text begins with (openssl: -text), in any case of letters."""

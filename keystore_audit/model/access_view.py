@@ -235,10 +235,10 @@ class AccessViews:
         if profile.access.matches_octets and counting and not "".join((topic, *partitions)).isascii():
             return "in names beyond ASCII, ? and brackets take octets or characters, as the process's locale has it"
         if profile.local.splits_partitions and any(";" in partition for partition in partitions):
-            return f"{profile.title} takes the partition apart at its semicolons"
+            return f"{profile.title} splits the partition at its semicolons"
         named = profile.access.partitions is PartitionReading.CRITERION_NAMED
         if named and len(partitions) > 1 and "" in partitions:
-            return f"what {profile.title} makes of a partition without a name beside others was not measured"
+            return f"how {profile.title} reads a partition without a name beside others was not measured"
         return None
 
     def dates_in_local_time(self, profiles: Iterable[Profile]) -> frozenset[datetime]:
@@ -304,7 +304,7 @@ class AccessViews:
             if unbounded is None:
                 return self._permissions_document(file, typed, access)
             # In permissions it is not refused: coming to it ends the process (measured).
-            doubt = "an <id_range> without <min> ends the process that comes to it", unbounded.line
+            doubt = "an <id_range> without <min> ends the process that reads it", unbounded.line
             return ReadDocument(doubt=doubt)
         if unbounded is not None:
             return ReadDocument(refusal="it has an <id_range> without <min>")

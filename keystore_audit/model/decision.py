@@ -282,14 +282,14 @@ def _domain_of(rule: ReadRule) -> str:
 
 
 def _likeness(text: str, topic: str) -> int:
-    """How many characters both begin and end with: what differs in the middle is a typing error, or a neighbour."""
+    """How many characters both begin and end with: a difference in the middle is a typing error, or a neighbour."""
     return sum(len(commonprefix(both)) for both in ((text, topic), (text[::-1], topic[::-1])))  # noqa: RUF071 - letters, not folders
 
 
 def _uncontrolled(domain_rule: ReadDomainRule, topic: TopicRule, operation: Operation, _name: Point | None) -> Told:
     control = "write" if operation is Operation.PUBLISH else "read"
     where = f"the topic in domain {describe(domain_rule.domains)}"
-    return f"the governance has {control} access control off for {where}, so permissions are not asked", topic.line
+    return f"the governance has {control} access control off for {where}, so permissions do not count", topic.line
 
 
 def _said(reason: str, _name: Point | None) -> Told:
@@ -308,8 +308,8 @@ def _at(rule: ReadRule, operation: Operation, name: Point | None, matcher: Match
 def _no_topic(rule: ReadRule, matcher: Matcher, name: Point | None) -> Told:
     where, line = _at(rule, Operation.PUBLISH, name, matcher)
     reason = (
-        f"{where} is the first rule that lists the topic, and it denies: the topic itself cannot "
-        "be created, whichever operation and partition the rule is about"
+        f"{where} is the first rule that lists the topic, and it denies. The topic itself cannot be created, "
+        "whatever operation and partition the rule names"
     )
     return reason, line
 
@@ -317,7 +317,7 @@ def _no_topic(rule: ReadRule, matcher: Matcher, name: Point | None) -> Told:
 def _by_rule(rule: ReadRule, operation: Operation, matcher: Matcher, name: Point | None) -> Told:
     at, line = _at(rule, operation, name, matcher)
     if rule.rule.allow and not rule.allow:  # it stands for the partitions that the allow rule leaves out (`semantics`)
-        where = "and not in this partition: no later rule is asked"
+        where = "but not in this partition; later rules do not count"
         return f"{at} is the first rule that lists the topic, {where}", line
     verb = "allows" if rule.allow else "denies"
     return f"{at} is the first rule that matches, and it {verb} {DONE[operation][1]}", line
@@ -328,5 +328,5 @@ def _by_default(grant: ReadGrant, operation: Operation, _name: Point | None) -> 
     said = "ALLOW" if typed.default_allow else "DENY"
     reason = f"no rule matches {DONE[operation][1]}, and the default is {said}"
     if typed.default_allow and not grant.default_allow:
-        reason += ", which the implementation never looks at"
+        reason += ", which the implementation ignores"
     return reason, typed.default_line if typed.default_line is not None else typed.line

@@ -194,8 +194,8 @@ def _idle(systems: tuple[System, ...]) -> tuple[str, ...]:
         for name in system.profiles
     ]
     told = (
-        f"Under {', '.join(idle)} no enclave carries a governance that its peers accept: nothing starts, and "
-        "encryption and access control hold for want of anything to protect."
+        f"Under {', '.join(idle)} no enclave carries a governance that its peers accept. Nothing starts, so "
+        "encryption and access control hold only because there is nothing to protect."
     )
     return (told,) if idle else ()
 

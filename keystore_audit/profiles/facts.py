@@ -72,7 +72,7 @@ RELAY_READS: Final = "Fast DDS takes a relay grant for a right to read"
 
 # --- sessions and middleware
 
-RUNNING_SESSIONS: Final = "Sessions that run by then may go on: Fast DDS ends none when a grant ends."
+RUNNING_SESSIONS: Final = "Running sessions may go on: Fast DDS does not end a session when its grant ends."
 """Read; Cyclone DDS and OpenDDS have timers."""
 CONFIGURATION_VARIABLES: Final = "[A-Z_]{0,20}(?:DDS|RTPS|ZENOH)_[A-Z_]+"
 """A regular expression of environment variables that configure a middleware."""
@@ -87,8 +87,8 @@ EXPECTED_FILES: Final = "expected the folder of the session and router files of 
 OVERRIDE_OF_CONFIGURATION: Final = "ZENOH_CONFIG_OVERRIDE"
 """The variable that replaces values of every configuration, after the file (measured)."""
 ROUTED_STATED: Final = (
-    "With rmw_zenoh neither governance nor permissions have a say, and KA8 alone speaks of it: as if every process "
-    "started with its file in {}, and no other took part."
+    "With rmw_zenoh, governance and permissions have no effect; only KA8 is about it. KA8 assumes that every process "
+    "starts with its file in {} and that no other process takes part."
 )
 ROUTED_SCOPE: Final = "rmw_zenoh with the files in {}"
 ROUTED_ENFORCES_NONE: Final = "in DDS, and rmw_zenoh enforces none"

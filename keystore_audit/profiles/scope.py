@@ -82,8 +82,8 @@ def in_scope(
     for word in (*middleware, *names):
         if not routed and (word in ROUTING or word in ROUTED):
             raise UsageError(
-                f"{word!r}: no permissions of a keystore bind rmw_zenoh; name its files with --zenoh DIR, which audit, "
-                "can and access take."
+                f"{word!r}: a keystore's permissions do not bind rmw_zenoh. Name its files with --zenoh DIR, which "
+                "audit, can and access take."
             )
     chosen = releases(names)
     middleware = [word for word in middleware if word not in ROUTING]
@@ -102,7 +102,7 @@ def in_scope(
         if not families or profile.family in families
     )
     if not found:
-        raise UsageError("No known implementation is all that --distro, --rmw and --profile say together.")
+        raise UsageError("No known implementation matches --distro, --rmw and --profile together.")
     shipping = (each.name for each in chosen if not distributions or {*distributions} & {*each.distributions})
     return (*found, *shipping) if routed else found
 

@@ -162,7 +162,7 @@ def _claim(table: PropertyTable, source: Source, forwards: tuple[Forward, ...]) 
 def _no_flow(form: NoFlow, source: Source) -> dict[str, Any]:
     through = several(form.through)
     besides = f" except through {_listed(through)}" if through else ""
-    apart = "" if form.include_ambient else ", apart from topics that nearly every node uses and it does not name"
+    apart = "" if form.include_ambient else ", apart from topics that nearly every node uses, unless named here"
     return {
         "kind": ClaimKind.NO_FLOW,
         "attacker": Attacker(form.attacker),
@@ -181,8 +181,8 @@ def _able(form: Able, source: Source) -> dict[str, Any]:
         "source": place_of(form.source, source.at("from")),
         "target": place_of(form.target, source.at("to")),
         "include_ambient": form.include_ambient,
-        "statement": f"Data can get from {_each(form.source)} to {_each(form.target)}, by what "
-        "permissions allow; whether governances match (KA416), nodes can be made (KA636) and use it is not asked.",
+        "statement": f"Permissions allow data to get from {_each(form.source)} to {_each(form.target)}. "
+        "Not checked: that governances match (KA416), that nodes can be made (KA636), and that nodes use it.",
     }
 
 
@@ -198,7 +198,7 @@ def _only_publish(form: OnlyPublish, _source: Source) -> dict[str, Any]:
 
 
 def _encrypted(form: Encrypted, _source: Source) -> dict[str, Any]:
-    whom = "outsiders" if form.against == OUTSIDER else "insiders that no grant lets read it"
+    whom = "outsiders" if form.against == OUTSIDER else "insiders without a grant to read it"
     return {
         "kind": ClaimKind.ENCRYPTED,
         "attacker": Attacker(form.against),
@@ -264,7 +264,7 @@ def _topics(value: Topics, source: Source) -> tuple[str, ...]:
     names = dds_topics(value)
     for name in names:
         if has_wildcard(name):
-            source.wrong(f"{name!r}: expected the name of one topic, without a pattern: what is forwarded is exact")
+            source.wrong(f"{name!r}: expected the name of one topic, without a pattern: forwards are exact")
     if len(set(names)) < len(names):
         source.wrong("a topic stands here twice")
     if len(names) > MAX_TOPICS:
@@ -285,11 +285,11 @@ def read_determinism(
         within.at("high").wrong("expected names of topics, without a pattern")
     leading = leading_to(low, forwards)
     if not leading and form.high is None:
-        within.at("low").wrong("no [[forward]] leads to it: it would be as its publishers make it, whatever they do")
+        within.at("low").wrong("no [[forward]] leads to it: only its publishers decide what it carries")
     besides = f", whatever comes from {', '.join(several(form.high))}" if form.high is not None else ""
-    alone = "" if leading else " (No declared forward leads there: that nothing high gets there at all would say so.)"
+    alone = "" if leading else " (No declared forward leads there: a no-flow property says the same.)"
     listed = ", ".join(several(form.low))
-    said = f"The same inputs, round by round, make the same on {listed}{besides}, while nobody attacks.{alone}"
+    said = f"The same inputs in each round give the same samples on {listed}{besides}, while nobody attacks.{alone}"
     return Determinism(
         id=table.name,
         statement=described(table.description, said),

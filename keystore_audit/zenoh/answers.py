@@ -280,7 +280,7 @@ def routed_table(
     named = written_names(keystore, network, domain)
     asked = named.rights if asked is None else asked
     if len(asked) * len(keystore.enclaves) > MAX_RIGHTS:
-        raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named: ask with `can`.")
+        raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named; `can` answers about one.")
     rights = rights_in(network)
     found = tuple(
         RoutedRight(

@@ -100,7 +100,7 @@ def test_one_that_a_node_needs_is_not_to_be_lost(stores: Any, tmp_path: Path) ->
     code, lost = told(old, new, "--graph", graph)
     assert (code, [each["against"] for each in lost if each["fails"]]) == (
         1,
-        [["may no longer publish /x, as /c does"]],
+        [["may no longer publish /x; /c needs it"]],
     )
     assert told(old, stores("other", "rt/x"), "--graph", graph)[0] == 0
 

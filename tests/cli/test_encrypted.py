@@ -93,7 +93,7 @@ def test_whoever_has_an_identity_reads_where_nobody_asks_who_joins(tmp_path: Pat
     assert set(told) == {*VENDORS}
     for profile, text in told.items():
         some = " and some grant of the permissions CA" if profile.startswith("fastdds") else ""
-        assert text.startswith(f"Whoever has an identity of the CA{some} can read ")
+        assert text.startswith(f"Anybody with an identity of the CA{some} can read ")
         assert why in text
 
 
@@ -110,7 +110,7 @@ def test_who_signs_itself_a_grant_is_not_entitled_by_it(tmp_path: Path) -> None:
         "cyclonedds-11": "holds",
     }
     text = told["cyclonedds-0.10"]["counterexample"]["text"]
-    assert text.endswith(": it can sign itself permissions that its peers accept.")
+    assert text.endswith(": it can sign its own permissions, and its peers accept them.")
 
 
 def test_whom_a_document_lets_in_that_could_not_be_read_is_not_known(tmp_path: Path) -> None:
@@ -130,4 +130,4 @@ def test_whoever_has_an_identity_of_the_one_ca_signs_itself_a_grant_to_read(
     assert asked["status"] == status
     if status == "violated":
         told = asked["profiles"][profile]["counterexample"]["text"]
-        assert "Whoever has an identity of the CA that is fit to sign can read " in told
+        assert "Anybody with an identity of the CA that is fit to sign can read " in told

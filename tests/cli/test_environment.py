@@ -23,7 +23,7 @@ SECURE = "ROS_SECURITY_ENABLE=true\nROS_SECURITY_STRATEGY=Enforce\nROS_SECURITY_
         (
             "ROS_DISTRO=jazzy\nRMW_IMPLEMENTATION=rmw_cyclonedds_cpp",
             ["--profile", "fastdds-2.14"],
-            ["--profile leaves out cyclonedds-0.10, with which robots of robot.env may start"],
+            ["--profile leaves out cyclonedds-0.10, which robots of robot.env may run"],
         ),
         ("ROS_DISTRO=jazzy\nRMW_IMPLEMENTATION=rmw_cyclonedds_cpp", ["--profile", "jazzy"], []),
         (

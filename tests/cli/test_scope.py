@@ -47,11 +47,11 @@ def test_a_distribution_is_all_that_it_ships(distribution: str) -> None:
 @pytest.mark.parametrize(
     ("scope", "said"),
     [
-        (("--rmw", "zenoh"), "name its files with --zenoh DIR"),
-        (("--rmw", "rmw_zenoh_cpp"), "name its files with --zenoh DIR"),
+        (("--rmw", "zenoh"), "Name its files with --zenoh DIR"),
+        (("--rmw", "rmw_zenoh_cpp"), "Name its files with --zenoh DIR"),
         (("--rmw", "fastrtps"), "--rmw: 'fastrtps' is not one of fastdds, cyclonedds, "),
         (("--distro", "jazy"), "Did you mean jazzy?"),
-        (("--distro", "jazzy", "--profile", "fastdds-3.6"), "No known implementation is all that"),
+        (("--distro", "jazzy", "--profile", "fastdds-3.6"), "No known implementation matches"),
     ],
 )
 def test_what_is_no_scope(scope: tuple[str, ...], said: str) -> None:

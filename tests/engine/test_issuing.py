@@ -80,6 +80,6 @@ def test_the_counterexample_says_by_which_key() -> None:
         {Role.TRUST_DOMAIN: 0, Role.ENCLAVE: TALKER},
     )
     assert told.text == (
-        "/talker can sign itself permissions: the permissions CA also issued a certificate of its key (certificate 5), "
-        "and these implementations accept any signer that the CA issued."
+        "/talker can sign its own permissions: the permissions CA also issued a certificate of its key (certificate "
+        "5), and these implementations accept any signer that the CA issued."
     )

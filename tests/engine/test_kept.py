@@ -87,7 +87,7 @@ def test_it_is_told_moment_by_moment(second: tuple[Dates, Dates], expected: str,
     assert status(result) == expected
     [found] = result.profiles.values()
     if found.counterexample is not None:
-        first, *others = found.counterexample.text.split("; then, of what was kept, ")
+        first, *others = found.counterexample.text.split("; later, of what was kept, ")
         assert first == "/n0 -> /t0 (topic) in domain 0 -> /n1 now"
         assert [each.split(" ")[0] for each in others] == ["/n1", "/n2"]
         assert others[-1].endswith("from 2027-02-01T00:00:00Z on (even if nobody attacks).")

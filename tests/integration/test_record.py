@@ -161,7 +161,7 @@ def test_what_ros_cannot_attribute_is_told_and_exits_with_4(
     assert "an endpoint of 'rt/bare' belongs to no node that is known\n" in alone.stderr
     assert (done.returncode, len(json.loads(done.stdout)["nodes"])) == (4, 5)
     assert done.stderr.splitlines() == [
-        "2 nodes are called '/talker': ROS tells what one of them does",
+        "2 nodes are called '/talker': ROS reports what one of them does",
         "an endpoint of 'control' belongs to no node that is known",
         "an endpoint of 'control_secure' belongs to no node that is known",
         "an endpoint of 'rt/bare' belongs to no node that is known",

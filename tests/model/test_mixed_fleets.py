@@ -206,7 +206,7 @@ def test_who_signs_itself_permissions_is_told_so(
     [found] = [each["profiles"]["fastdds-2.6"] for each in report["properties"] if each["id"] == "kept"]
     assert found["status"] == ("violated" if signer == "identityCA" else "holds")
     if signer == "identityCA":
-        assert ": it can sign itself permissions that its peers accept" in found["counterexample"]["text"]
+        assert ": it can sign its own permissions, and its peers accept them" in found["counterexample"]["text"]
 
 
 @pytest.mark.parametrize(

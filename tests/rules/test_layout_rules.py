@@ -172,7 +172,7 @@ def test_where_a_private_key_may_be(path: str, expected: list[str]) -> None:
     assert becomes(lambda store: replace(store, private_keys=(file(path, None, holds_private_key=True),))) == expected
 
 
-REFUSED = Usability(usable=Truth.NO, reasons=("it takes no identity with a key of kind RSA 1024",))
+REFUSED = Usability(usable=Truth.NO, reasons=("it accepts no identity with a key of kind RSA 1024",))
 
 
 @pytest.mark.parametrize(

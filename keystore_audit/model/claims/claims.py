@@ -156,12 +156,12 @@ def check_places(claim: Claim, paths: Sequence[str]) -> None:
         if both:
             raise UsageError(f"{at(claim.place)}{min(both)!r} is on both sides.")
     if claim.kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE) and (one := _only_itself(claim, paths)):
-        raise UsageError(f"{at(claim.place)}{one} is on both sides, and nothing else.")
+        raise UsageError(f"{at(claim.place)}{one} alone is on both sides.")
     if claim.kind is ClaimKind.NO_FLOW and claim.source.outsider and claim.attacker is Attacker.HONEST:
         raise UsageError(
-            f"{at(marked(claim, 'outsider'))}nothing can get from the outsider as long as it does not attack "
-            "(attacker honest, or --compromised, which is about enclaves): without a key, to send is to attack. "
-            "Expected attacker source or relays."
+            f"{at(marked(claim, 'outsider'))}nothing can get from an outsider that does not attack: without a key, "
+            "any sample it sends is an attack. Attacker honest excludes that, and so does --compromised, which is "
+            "about enclaves. Expected attacker source or relays."
         )
 
 

@@ -150,8 +150,8 @@ class Forwarding:
         for forward in forwards:
             missing = [self._lacking(forward, domain) for domain in self._domains]
             if missing and all(missing):
-                return f"what is declared cannot be: {forward.enclave} may not {missing[0]}"
-        return "the forwards that are declared are possible in no common domain"
+                return f"the declared forwards are impossible: {forward.enclave} may not {missing[0]}"
+        return "no single domain allows all declared forwards"
 
     def _behaviour(
         self, claim: Determinism, forwards: Sequence[Forward], domain: int, differs: Sequence[Differs]
@@ -343,6 +343,6 @@ def _check(declared: Declared, systems: Sequence[System], channels: Channels, ke
             for forward in declared.forwards:
                 if forward.enclave in found:
                     raise UsageError(
-                        f"{claim.place}: {forward.enclave!r} is high, and what it does is declared at {forward.place}: "
-                        "name the topics that it gets instead."
+                        f"{claim.place}: {forward.enclave!r} is high, but {forward.place} declares what it does. "
+                        "Name the topics that it gets instead."
                     )

@@ -260,14 +260,14 @@ class Labelling(Struct, frozen=True, kw_only=True):
         ]
         if len(found) > MAX_CLAIMS:
             raise UsageError(
-                f"{self.place}: {len(found)} pairs of labelled places between which nothing may flow are more than can "
-                f"be worked out (limit {MAX_CLAIMS}): expected fewer labels."
+                f"{self.place}: {len(found)} pairs of labelled places between which nothing may flow are too many "
+                f"(limit {MAX_CLAIMS}): expected fewer labels."
             )
         return tuple(found)
 
     def _statement(self, source: str, target: str) -> str:
         trusted = " except through those trusted to" if self.declassifiers else ""
-        ambient = "" if self.include_ambient else ", apart from topics that nearly every node uses and it does not name"
+        ambient = "" if self.include_ambient else ", apart from topics that nearly every node uses, unless named here"
         return f"Nothing gets from what is labelled {source} to what is labelled {target}{trusted}{ambient}."
 
 

@@ -30,8 +30,8 @@ from keystore_audit.profiles import Profile
 
 _TELLING: Final = frozenset(("protection", "right", "grant-validity", LATER, "signature", "signer", "authority", FORM))
 _SAME: Final = "its documents were signed again, with the same meaning"
-_IDLE: Final = "its documents were signed again; what differs in them counts for nobody, save what is told here"
-"""As grants that are over or that another hides, or documents that every implementation asked about refuses."""
+_IDLE: Final = "its documents were signed again; apart from what is listed here, what differs counts for nobody"
+"""As expired or hidden grants, or documents that every implementation asked about refuses."""
 
 _ELSEWHERE: Final = (Layer.ACCESS, Layer.ATTACKERS, Layer.INFLUENCE)
 """Layers of changes that may stand in anybody's documents."""

@@ -27,14 +27,14 @@ LATER: Final = "later-rights"
 WORDS: Final = {"publish": "publish", "subscribe": "subscribe to", "relay": "relay", JOIN: "join"}
 """Operations as verbs of what follows."""
 
-PRESENTED_BEFORE: Final = ", unless somebody presents what was signed before,"
-"""What is added to what others can no longer do, or where data can no longer get, where peers of NEW take that."""
+PRESENTED_BEFORE: Final = ", unless somebody presents an older signed document,"
+"""Added to what others can no longer do, or where data can no longer get, where peers of NEW accept such documents."""
 
 _LATER_WORDS: Final = {
-    Direction.GAINED: "may do more, once a grant counts that does not yet, on",
-    Direction.LOST: "may do less, once a grant counts that does not yet, on",
-    Direction.MIXED: "may do other things, once a grant counts that does not yet, on",
-    Direction.CHANGED: "has other grants that do not count yet, with the same rights",
+    Direction.GAINED: "may do more, once a further grant takes effect, on",
+    Direction.LOST: "may do less, once a further grant takes effect, on",
+    Direction.MIXED: "may do other things, once a further grant takes effect, on",
+    Direction.CHANGED: "has other grants that are not in effect yet, with the same rights",
 }
 
 

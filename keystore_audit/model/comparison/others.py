@@ -112,7 +112,7 @@ def _differences(sides: Sides, pair: Pair, old: _Granted, new: _Granted, kept: _
     now = dict(differing(sides, pair, old.now, new.now))
     ever = ((right, channels & ~now.get(right, 0)) for right, channels in differing(sides, pair, old.ever, new.ever))
     rights = [("", right, channels) for right, channels in now.items()]
-    rights += [(", once a grant counts that does not yet,", right, channels) for right, channels in ever]
+    rights += [(", once a further grant takes effect,", right, channels) for right, channels in ever]
     for when, right, channels in rights:
         still = []
         if not right.gained and kept is not None and kept.dates:

@@ -112,11 +112,11 @@ def _later(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> list[Draft
                 for label in labels
             }
             facts = [
-                replace(each, what=f"its revocation lists take back others {since}")
+                replace(each, what=f"its revocation lists revoke others {since}")
                 for each in _taken_back(one, other, [label for label in labels if valid[label] == {True}])
             ]
             if not facts and {True, False} in valid.values():
-                facts.append(fact("revocation", Direction.CHANGED, f"its revocation lists in force are others {since}"))
+                facts.append(fact("revocation", Direction.CHANGED, f"it has other revocation lists in force {since}"))
             if facts:
                 return list(placed(facts, (one.place, other.place)))
     return []
@@ -128,7 +128,7 @@ def _taken_back(old: _Lists, new: _Lists, labels: list[_Label]) -> Iterator[Draf
     if before or after:
         direction = direction_of(before, after)
         aspect = listing("revoked", before, after, direction)
-        yield fact("revocation", direction, "its revocation lists take back others", aspect)
+        yield fact("revocation", direction, "its revocation lists revoke others", aspect)
 
 
 def _beyond(one: _Lists, other: _Lists, labels: list[_Label]) -> list[str]:

@@ -227,7 +227,7 @@ class Sides:
                     yield Unread(side=side, enclave=doubt.enclave, location=doubt.location, reason=doubt.reason)
         old, new = ({(file.place, file.sha256) for file in each.unread_foreign} for each in self.keystores)
         for place, _digest in sorted(new - old, key=str):
-            reason = "nobody read what is in it, and it was not there before ([files] in the settings accepts it)"
+            reason = "it is new, and its content was not read ([files] in the settings accepts it)"
             yield Unread(side="new", enclave=None, location=Location(path=place), reason=reason)
 
     def _doubted(self) -> Iterator[str]:

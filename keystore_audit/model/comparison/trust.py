@@ -138,7 +138,7 @@ def _anchors(sides: Sides) -> Iterator[Draft]:
             held.append({c.key: c for file in files for c in file.certificates if c.key not in told})
         gone, come, direction = parted(*held)
         if gone or come:
-            what = f"the {word} in public/, or of enclaves that one keystore alone has, is another"
+            what = f"the {word} in public/, or of enclaves that only one keystore has, is another"
             found = fact(AUTHORITY, direction, what, Aspect(word, _told(gone), _told(come), direction))
             yield from placed([found], (place_of(next(iter(each), None)) for each in (gone, come)))
 

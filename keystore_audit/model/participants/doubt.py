@@ -129,7 +129,7 @@ def document_doubt(enclave: str | None, file: Typed, read: ReadDocument) -> Doub
         return _doubt(enclave, file.signed.file.place, *read.doubt)
     defect = defect or first_opaque(defects)
     if defect is None:
-        begins = "which of its grants counts for a peer rests on who begins the handshake: one is in OpenSSL's form"
+        begins = "which grant counts for a peer depends on who begins the handshake: one is in OpenSSL's form"
         reason = begins if read.is_readable else "the document has no meaning that every parser agrees on"
         return _doubt(enclave, file.signed.file.place, reason)
     return _doubt(enclave, defect.path, defect.detail, defect.line)
@@ -165,7 +165,7 @@ def _doubt_of(enclave: str | None, certificate: Certificate, authorities: tuple[
     if not is_printable(certificate):
         reason = f"the subject {certificate.subject!r} has attributes that implementations print in ways of their own"
     elif stands_alone(certificate, authorities):
-        reason = "it stands in the identity CA file itself, where implementations take it although it is no authority"
+        reason = "it is in the identity CA file itself, where implementations accept it although it is no authority"
     else:
         issues = [issue(authority, certificate) for authority in authorities if is_authority(authority)]
         if Issue.UNSUPPORTED not in issues or Issue.ISSUED in issues:
@@ -178,7 +178,7 @@ def _constrained(enclave: str | None, certificates: Iterable[Certificate]) -> Do
     """Of several the one that may widen what is accepted."""
     found = [each for each in certificates if each.constraints]
     for certificate in sorted(found, key=lambda each: NARROWING.issuperset(each.constraints))[:1]:
-        reason = f"the certificate has extensions ({', '.join(certificate.constraints)}) that implementations weigh"
+        reason = f"the certificate has extensions ({', '.join(certificate.constraints)}) that implementations evaluate"
         doubt = _doubt(enclave, certificate.path, f"{reason} and this audit does not")
         return replace(doubt, narrows=NARROWING.issuperset(certificate.constraints))
     return None
@@ -196,7 +196,7 @@ def trust_domain_doubt(enclave: Enclave) -> Doubt | None:
         if doubt is not None:
             return doubt
         if read is not None and len(read.certificates) > MAX_AUTHORITIES:
-            reason = f"{len(read.certificates)} certificates are more than chains are looked for among"
+            reason = f"{len(read.certificates)} certificates are too many to search for chains"
             return _doubt(enclave.path, read.file.place, f"{reason} (limit {MAX_AUTHORITIES})")
     return _file_doubt(enclave, Role.GOVERNANCE) or _constrained(enclave.path, enclave.trusts(Role.PERMISSIONS_CA))
 

@@ -95,10 +95,10 @@ def _certificate_refusals(certificate: Certificate, identity_ca: CertificateFile
     authority = identity_ca.first if identity_ca is not None else None
     for kind in dict.fromkeys(each.key_kind for each in (certificate, authority) if each is not None):
         if trust.identity_keys is not None and kind not in trust.identity_keys:
-            yield f"it takes no identity, and no identity CA, with a key of kind {kind}"
+            yield f"it accepts no identity, and no identity CA, with a key of kind {kind}"
     algorithm = certificate.signature_algorithm
     if trust.identity_algorithms is not None and algorithm not in trust.identity_algorithms:
-        yield f"it takes no identity signed with {algorithm}"
+        yield f"it accepts no identity signed with {algorithm}"
 
 
 def _authority_refusals(enclave: Enclave, trust: Trust) -> Iterator[str]:

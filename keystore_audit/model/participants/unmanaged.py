@@ -112,8 +112,8 @@ class Unmanaged:
         named = _named(files, certificates, self._profiles)
         if sum(map(len, named)) * len(self.hosts) > MAX_HOLDERS:
             raise BudgetExceeded(
-                f"{len(certificates)} identities that are no enclave's own may start in more than {MAX_HOLDERS} ways, "
-                "with the documents that name them."
+                f"{len(certificates)} identities without an enclave may start in more than {MAX_HOLDERS} ways, with "
+                "the documents that name them."
             )
         return tuple(
             (self.number(self.identities[place]), files_of, _folder(certificates[place], file, host, count))
@@ -193,8 +193,8 @@ class Unmanaged:
                 count += 1
                 if count > MAX_PARTICIPANTS:
                     raise BudgetExceeded(
-                        f"More than {MAX_PARTICIPANTS} identities that are no enclave's own are more than can be told "
-                        f"apart, {each.certificate.path}:{each.certificate.line} among them."
+                        f"More than {MAX_PARTICIPANTS} identities without an enclave are too many to tell apart, "
+                        f"{each.certificate.path}:{each.certificate.line} among them."
                     )
                 made = Participant(
                     label=f"{shorten(each.certificate.subject, MAX_SUBJECT)} ({each.certificate.path}, no enclave)",
@@ -327,8 +327,8 @@ def _with_all(files: Iterable[CertificateFile | None]) -> list[CertificateFile]:
     every = {each.sha256: each for file in distinct for each in file.certificates}
     if len(every) > MAX_AUTHORITIES:
         raise BudgetExceeded(
-            f"Whoever has an identity of no enclave may trust all {len(every)} authorities of the enclaves, which "
-            f"are more than chains are looked for among (limit {MAX_AUTHORITIES})."
+            f"An identity without an enclave may trust all {len(every)} authorities of the enclaves, too many to "
+            f"search for chains (limit {MAX_AUTHORITIES})."
         )
     found: dict[tuple[str, ...], CertificateFile] = {}
     for file in distinct:
