@@ -150,7 +150,7 @@ def routed(
 def routed_tables(
     sides: Sequence[tuple[str | os.PathLike[str], Path]], given: Circumstances, releases: Sequence[Release]
 ) -> tuple[RoutedTable, ...]:
-    """What every enclave of each keystore may do by the files of its folder, with every topic and service that
+    """What every enclave of each keystore may do by the files of its folder. It covers every topic and service that
     permissions and files of any of them name.
 
     Raises errors.NothingToAudit where there is no keystore or no such file, errors.BudgetExceeded for too many rights.

@@ -51,8 +51,8 @@ def compare_keystores(
 
     `labels`: by label, what has it; where there are some, changes about others do not fail. `intended`: a right that it
     names is not to be lost, and one that it forbids not to stay with whoever keeps an old document.
-    Raises errors.NothingToAudit where one of them is none, errors.UsageError for a label of nothing in either, and
-    errors.BudgetExceeded where there are too many classes of names.
+    Raises errors.NothingToAudit where one of them is none, and errors.UsageError for a label of nothing in either.
+    Raises errors.BudgetExceeded where there are too many classes of names.
     """
     keystores = given.keystore(old), given.keystore(new)
     found = compare(*keystores, given.profiles, given.at, given.zone, given.domain, labels, given.assumed)

@@ -1,7 +1,7 @@
 """The smallest change of rights after which nothing gets through: what to take from whom.
 
-Whatever lets something through rests on rights of those at its hops. Each change that is enough takes at least one of
-these away; so these are tried, one, then two together, and each time the keystore so changed is read anew.
+Whatever lets something through rests on rights of those at its hops. Each sufficient change takes at least one of these
+away. So these are tried, one, then two together, and each time the changed keystore is read again.
 """
 
 from __future__ import annotations

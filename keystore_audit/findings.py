@@ -64,8 +64,8 @@ _SAID: Final = {
 
 
 class Step(Struct, frozen=True, kw_only=True):
-    """A sentence and, where a script can do it, the act. `paths`: the files it writes, as in `Location.path`; none in a
-    remedy that is about no keystore, and where the keystore has not the layout that sros2 makes since Foxy.
+    """A sentence and, where a script can do it, the act. `paths`: the files it writes, as in `Location.path`. A remedy
+    has none if it is about no keystore, or if the keystore has not the layout that sros2 makes since Foxy.
     """
 
     text: str
@@ -131,7 +131,7 @@ def outside(text: str, *more: str) -> Remedy:
 
 
 MAX_PLACES: Final = 50
-"""Locations of one finding: enough to mend by hand, and ten thousand wildcards make no report of ten thousand lines."""
+"""Locations of one finding: enough to fix by hand, and ten thousand wildcards make no report of ten thousand lines."""
 
 OF_PROPERTIES: Final = "KA7"
 OF_THE_AUDIT: Final = "KA9"

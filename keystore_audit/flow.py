@@ -71,8 +71,8 @@ class FlowQuestion(Struct, frozen=True, kw_only=True):
 class FlowAnswer(Struct, frozen=True, kw_only=True):
     """Whether there is a flow, by attacker: a result is VIOLATED where there is one for certain.
 
-    Where it is asked who may fall: `falls` instead, of each smallest set of compromised participants, and where some
-    break it, the smallest `change` of rights. `doubts`: places of what could not be read, which an unknown answer
+    Where it is asked who may fall, `falls` has each smallest set of compromised participants instead. Where some break
+    it, `change` is the smallest one of rights. `doubts`: places of what could not be read, which an unknown answer
     depends on; none where no answer is unknown.
     """
 

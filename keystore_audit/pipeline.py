@@ -91,8 +91,8 @@ def audit(
 ) -> Report:
     """Audits the keystore at `path`; `beside`: what is known of the other keystores of a run, None: there are none.
 
-    Raises errors.NothingToAudit where there is none, errors.UsageError for an unknown profile, for a graph or launch
-    file that is none, or for findings that are accepted for too long. Whatever is wrong with the keystore or an engine
+    Raises errors.NothingToAudit where there is none. Raises errors.UsageError for an unknown profile, an unusable graph
+    or launch file, or findings that are accepted for too long. Whatever is wrong with the keystore or an engine
     is in the report.
     """
     environment = read_environment(options.environment) if options.environment is not None else None

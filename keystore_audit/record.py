@@ -8,8 +8,8 @@ it never shows that nothing else runs. What ROS cannot attribute to a node is le
 ROS_DOMAIN_ID and RMW_IMPLEMENTATION are those of the robot. Under security, ROS_SECURITY_ENCLAVE_OVERRIDE names an
 enclave that may take part in discovery.
 
-exit codes: 0 recorded; 2 wrong usage, or ROS does not start; 3 no node was seen, nothing is written; 4 recorded, but
-incomplete; 130 interrupted
+exit codes: 0 recorded; 2 wrong usage, or ROS does not start; 3 no node was seen, nothing written;
+4 recorded, but incomplete; 130 interrupted
 """
 
 from __future__ import annotations

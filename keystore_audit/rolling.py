@@ -128,7 +128,7 @@ def choice(way: RollOut, system: System) -> Choice:
 class _States:
     """What the states on the way say, each asked once.
 
-    Most properties are violated by what is there, so that more enclaves and documents never make them hold: what all
+    Most properties are violated by what is there, so more enclaves and documents never make them hold. What all
     versions of all enclaves together do not violate, no state does (docs/model.md). About the others each is asked.
     """
 

@@ -80,8 +80,8 @@ def _visible(match: re.Match[str]) -> str:
 def terminal(text: str) -> str:
     r"""Return `text` as one line that steers no terminal: each hidden character as `\x1b`, `\u202e` or so.
 
-    Hidden are C0, DEL, C1, every space but U+0020, bidi controls, zero-width and other ignorable characters,
-    line and paragraph separators, lone surrogates and noncharacters; of `::` and `##` all signs but the last, since
+    Hidden are C0, DEL, C1, every space but U+0020, bidi controls, zero-width and other ignorable characters, line and
+    paragraph separators, lone surrogates and noncharacters. Of `::` and `##` it hides all signs but the last, since
     runners of pipelines take these for commands. A backslash stays as it is, so escaping twice changes nothing; the
     escape is for eyes, not for reversing. For rich, wrap it: `Text(terminal(name))`. Never put it in markup, whose own
     escape is wrong for a name that ends in a backslash or in an open tag.

@@ -104,8 +104,8 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Given(Struct, frozen=True):
-    """What the command line says beside the property: implementations, instant (aware UTC), assumptions left out, and
-    authorities by SHA-256 of certificate or key; none: whichever are there.
+    """What the command line says beside the property: implementations, instant (aware UTC) and assumptions left out.
+    Also authorities by SHA-256 of certificate or key; none: whichever are there.
     """
 
     profiles: tuple[str, ...]

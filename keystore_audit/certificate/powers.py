@@ -27,8 +27,8 @@ _ANY_ZONE: Final = timedelta(hours=14)
 class Name(Struct, frozen=True):
     """A class of names by one of them. `ends`: the expressions that match the topic.
 
-    In the default partition: no document names one, so that whoever has a right elsewhere has it there too, by a
-    partition that is a pattern.
+    In the default partition, since no document names one. So a right elsewhere is a right there too, by a partition
+    that is a pattern.
     """
 
     domain: int

@@ -1,7 +1,7 @@
 """What violates claims and properties: all of it, in names.
 
-A report tells one example. Who accepts that a telematics unit may publish a command has not accepted that the
-infotainment system may, so what a finding is about holds all that violates it, as far as it can be told.
+A report tells one example. To accept that a telematics unit may publish a command does not accept the same of the
+infotainment system. So a finding is about all that violates it, as far as that is known.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from keystore_audit.properties.result import ANYBODY, Answer, AssertedResult, Pr
 from keystore_audit.text import shorten
 
 MAX_STEPS: Final = 500_000
-"""Of all claims, pairs of places that are looked at, times moments and, of flows, enclaves: some seconds at worst; the
-keystore as a whole stands for what violates those that come after."""
+"""Most steps over all claims: pairs of places, times moments and, for flows, times enclaves (some seconds at worst).
+Beyond, the keystore as a whole stands for what violates a claim."""
 
 MAX_BREACHES: Final = 10_000
 """What is told apart; beyond it the keystore stands for it as a whole."""

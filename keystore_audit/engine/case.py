@@ -240,8 +240,8 @@ def step_at(location: Location | None, witness: str, *, channel: str | None = No
 
 
 def plainest(system: System, witnesses: Sequence[Witness]) -> Witness:
-    """The witness that is easiest to understand; of equal ones the first. Preferred are an enclave of the keystore,
-    the default partition, a user's topic that documents name, an enclave without a grant on it, and a short name.
+    """The witness that is easiest to understand; of equal ones the first. Preferred is an enclave of the keystore,
+    then the default partition, a user's topic that documents name, no grant on it, and a short name.
     """
 
     @cache

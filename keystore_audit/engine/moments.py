@@ -1,8 +1,8 @@
 """The facts of a system at a later moment, for claims that must hold until a date.
 
-Of what a claim speaks of, dates change nothing but which grants are in force, who is refused, and what implementations
-make of enclaves by themselves. So each choice is asked about once, with static facts: a start of the Analyzer for each,
-but each as exact and as fast as the audit itself.
+Dates change only which grants are in force, who is refused, and what implementations make of enclaves by themselves.
+So each combination is asked about once, with static facts. Each costs a start of the Analyzer, and is as exact and as
+fast as the audit itself.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ Dated = TypeVar("Dated", CertificateAtom, GrantAtom)
 
 
 def changes(system: System, until: int) -> Iterator[int]:
-    """Yield the audit instant, and the moments after it, up to the instant `until`, at which other grants are in force
-    than just before, others are revoked or refused, or implementations make other endpoints.
+    """Yield the audit instant, and the later moments up to the instant `until` at which something changes. That is:
+    which grants are in force, who is revoked or refused, or which endpoints implementations make.
 
     A moment is twice the index of an instant, plus one for the time between it and the next (as in
     `model.formal.permission.Permissions`).

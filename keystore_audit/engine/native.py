@@ -252,8 +252,8 @@ class _Questions:
 
 
 def _as_now(system: System, moment: int) -> bool:
-    """Whether at the moment all is in force that is now, and no more, nobody else is revoked, and implementations make
-    the same endpoints; what is claimed of a time is not asked here.
+    """Whether the same is in force at the moment as now, the same is revoked, and implementations make the same
+    endpoints. Claims about a time are not asked here.
     """
     now = 2 * system.now
     dated: Iterable[CertificateAtom | GrantAtom] = (*system.certificates, *system.grants)

@@ -113,8 +113,8 @@ class Claims:
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
         """Domains that an enclave of the source and one of the target can join, or the one can and the other starts in.
 
-        Who attacks takes whomever it finds there, and joins without its identity where anybody may; so each may join by
-        another trust domain, of peers that the other has nothing to do with.
+        An attacker accepts any peer there, and joins without its identity where anybody may. So each may join by a
+        different trust domain, through peers that have nothing to do with the other.
         """
         joined = {
             enclave: [view.joined(enclave) | view.protection.unauthenticated for view in self._trust_domains]

@@ -1,9 +1,9 @@
 """Observational determinism, decided natively: every pair of states that two runs can be in (docs/model.md).
 
-Two values are enough, since forwards pass samples on without looking at them: a difference between any two values
-stays one if the one is mapped to 0 and the other to 1. So there are finitely many pairs; the search goes breadth
-first, its first difference is a shortest one, and where it ends without one there is none in runs of any length.
-Two runs are told round by round, up to that difference.
+Two values are enough, since forwards pass samples on without looking at them. A difference between any two values
+remains if one becomes 0 and the other 1. So there are finitely many pairs. The search is breadth first, so its first
+difference is a shortest one. If it ends without one, runs of any length have none. Two runs are told round by round, up
+to that difference.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Which assumptions a "holds" needs: the fewest under which it still holds, found by leaving them out.
 
-To take less for granted lets nothing hold that did not (`tests/engine/test_assumptions.py`). So each assumption that is
-needed when all others are made is in every set that is enough; mostly these together are, which is asked again, and are
-then the one smallest set. Else others are left out one by one, and the set is one of the smallest.
+Fewer assumptions never make anything hold (`tests/engine/test_assumptions.py`). So an assumption without which all
+others do not suffice is in every set that suffices. Mostly these suffice together, which is asked again; they are then
+the one smallest set. Else others are left out one by one, and the set is one of the smallest.
 """
 
 from __future__ import annotations

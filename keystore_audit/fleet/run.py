@@ -39,8 +39,8 @@ _FILES: Final = frozenset(
 class Found(Struct, frozen=True, kw_only=True):
     """What is below a directory, in order of path; paths begin with the directory as it was given.
 
-    `keystores`: each to be audited. `unseen`: what was not looked into, with the reason: directories that cannot be
-    listed, and links to directories that are not searched, which are not followed.
+    `keystores`: each to be audited. `unseen`: what was not looked into, with the reason. That is directories that
+    cannot be listed, and links to directories that are not searched, which are not followed.
     """
 
     keystores: tuple[str, ...]
@@ -51,9 +51,9 @@ def find_keystores(directory: str, *, beside: Sequence[str] = ()) -> Found:
     """The topmost directories at or below `directory` that hold `enclaves`, or a file of an enclave or an authority.
 
     Nothing is left out silently: where such a file is, it belongs to one of the keystores found or is in `unseen`.
-    Folders of single enclaves that lie side by side are keystores of their own. So is a keystore, or an enclave even
-    where files of it are missing, in a keystore whose own enclaves lie below enclaves/: the audit of that one judges
-    no others. `beside`: other directories that are searched, into which links may lead.
+    Folders of single enclaves that lie side by side are keystores of their own. So is a keystore or enclave, even an
+    incomplete one, within a keystore that has its own below enclaves/. The audit of that judges no others. `beside`:
+    other directories that are searched, into which links may lead.
     """
     keystores: list[str] = []
     unseen: list[tuple[str, str]] = []
@@ -146,8 +146,8 @@ class Identities:
         return frozenset(display(os.fsencode(place)) for place in inside)
 
     def shared_with(self, number: int) -> Compared:
-        """Those of other keystores that have a key, or a subject under one authority, with this one in common; and
-        loose keys of theirs that are of identities of this one.
+        """Identities of other keystores that share a key, or a subject under one authority, with this one. Also loose
+        keys of theirs that belong to identities of this one.
 
         A subject that a grant names here counts as one of this keystore, and so does a loose key.
         In order of the keystores' numbers. One directory named twice is no other keystore.

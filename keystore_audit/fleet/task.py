@@ -24,8 +24,8 @@ from keystore_audit.report.content import PLAIN, Report, View
 from keystore_audit.report.summary import Row, row, without_report
 
 MEMORY: Final = 25
-"""Audits whose intermediate answers a process keeps: they are cached by certificate and document, each of which would
-stay for as long as the process (40 MiB in 500 audits of four enclaves)."""
+"""Audits after which a process forgets intermediate answers. These are cached by certificate and document, and each
+would stay for as long as the process (40 MiB in 500 audits of four enclaves)."""
 
 _ALONE = Lock()
 """Taken for an audit: threads of one process would take turns anyway, and warnings are set for all of them."""
@@ -34,8 +34,8 @@ _ALONE = Lock()
 class Task(Struct, frozen=True, kw_only=True):
     """A keystore to be audited, and what is made of its report where it is made.
 
-    `beside`: what is known of the other keystores, None where there are none. `kinds`: formats of the reports that have
-    a file of their own, which look as `kept` says; `shown`: how the text on standard output does, None: there is none.
+    `beside`: what is known of the other keystores, None where there are none. `kinds`: formats of the reports with a
+    file of their own, which look as `kept` says. `shown`: how the text on standard output looks, None: there is none.
     `whole`: the report itself is wanted; `tables`: rows are. `version`: of this package where the task comes from.
     """
 

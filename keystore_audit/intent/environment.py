@@ -1,13 +1,12 @@
-"""The environment that a robot's processes start with, as far as security hangs on it: `--env FILE`.
+"""The environment that a robot's processes start with, as far as security depends on it: `--env FILE`.
 
-The file is one of assignments, as a shell's `export`, systemd's EnvironmentFile or a container's env file has them.
-Nothing is expanded or run, and a line that these read differently is an error: one that goes on after a backslash, a
-carriage return (a shell takes it into the value), a comment behind a value without `export` (systemd and containers
-take it into the value), blanks there and quotes around what has to be exactly one value (containers take them into it),
-lines with `export` beside others without (which a shell keeps to itself, where systemd and containers know nothing
-else), in the values of other variables whatever is more than plain or quoted text and `$NAME`, and variables that put
-other code or another clock under what was audited. Source of what the variables mean:
-rcl's `security.c` and rmw_dds_common's `security.cpp`.
+The file has assignments, as a shell's `export`, systemd's EnvironmentFile or a container's env file.
+Nothing is expanded or run. A line that these three read differently is an error. Errors are a continuation after a
+backslash, and a carriage return, which a shell takes into the value. Without `export`, so are a comment or blanks
+behind a value, and quotes where one exact value is needed: containers take them into it. Lines with `export` beside
+others without are refused, since a shell does not pass the latter on, and systemd and containers read no others. Values
+of other variables may hold only plain or quoted text and `$NAME`. Variables that put other code or another clock under
+what was audited are refused. Source of what the variables mean: rcl's `security.c`, rmw_dds_common's `security.cpp`.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ class SetVariable(Struct, frozen=True, kw_only=True):
     """A variable that a launch file sets for a process, and that decides whether there is security in it.
 
     `value` is None where it cannot be told. `node` is empty where the program chooses the name. `started`: what runs
-    there, as far as the file says, or the digest of a file that does not; it tells processes without a name apart.
+    there, if the file says, else a digest of the file; it tells processes without a name apart.
     """
 
     node: str

@@ -1,7 +1,7 @@
 """The nodes that launch files start: in which enclave, under which names, and which names they use.
 
-Their command lines are read as rcl reads them (rcl's `arguments.c`, ROS 2 design article "ROS Command Line Arguments"):
-what stands between `--ros-args` and `--` is ROS's, the last `--enclave` counts, and of remappings the first that
+Their command lines are read as rcl reads them (rcl's `arguments.c`, ROS 2 design article "ROS Command Line Arguments").
+What is between `--ros-args` and `--` is ROS's. The last `--enclave` counts, and of remappings the first that
 matches.
 """
 

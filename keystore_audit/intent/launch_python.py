@@ -1,8 +1,8 @@
 """Launch files in Python, read as text as far as they are literal: parsed, never imported, compiled or run.
 
 What says by itself what it starts (`Node(...)`, `SetEnvironmentVariable(...)`, lists of those, names for them) becomes
-the elements that XML has (`launch_elements`). All else is one note, since it may start anything; where code that is
-not read holds a word of security, or hands over an environment made elsewhere, it may change security.
+the elements that XML has (`launch_elements`). All else is one note, since it may start anything. Where unread code
+holds a word of security, or hands over an environment made elsewhere, it may change security.
 """
 
 from __future__ import annotations

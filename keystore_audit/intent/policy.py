@@ -1,11 +1,11 @@
 """SROS2 policies, 0.2.0 (Foxy and later) and 0.1.0 (Crystal to Eloquent): what each enclave's nodes are to do.
 
-The form is that of the ROS 2 design article "SROS2 access control policies"; what names in it mean is what sros2's
-permissions.xsl makes of them.
+The form is that of the ROS 2 design article "SROS2 access control policies". sros2's permissions.xsl says what names
+mean.
 
-What they include is put in here, since libxml2's own XInclude reads whatever file or address an `href` names: each file
-is looked up below one directory (`keystore.root`: regular files, bounded, no way out by links), and what is read is
-what sros2's policies have: an `href` and an XPointer that is a path of child elements, `xpointer(/profile/*)`. Anything
+What they include is put in here, since libxml2's own XInclude reads whatever file or address an `href` names. Each file
+is looked up below one directory (`keystore.root`: regular files, bounded, no way out by links). Read is only what
+sros2's policies have: an `href`, and an XPointer that is a path of child elements, `xpointer(/profile/*)`. Anything
 else is an error.
 """
 
@@ -49,8 +49,8 @@ _PRINTABLE: Final = re.compile(r"[!-~]+")
 class Profiles(Struct, frozen=True, kw_only=True):
     """A `<profiles>` of an enclave (0.1.0: a `<profile>`), of which sros2 makes one grant.
 
-    `lost`: why no implementation asks that grant, a sentence ("" if it counts): of several grants with one subject the
-    first in force decides, and of several `<enclave>` elements with one path sros2 translates the first.
+    `lost`: why no implementation asks that grant, a sentence ("" if it counts). Of several grants with one subject the
+    first in force decides. Of several `<enclave>` elements with one path sros2 translates the first.
     """
 
     enclave: str
@@ -173,8 +173,8 @@ class _Reader:
     def _expanded_name(self, entry: etree._Element, namespace: str, node: str) -> str:
         """The name as permissions.xsl has it: `/x` as it is, `~x` behind the node's name, else below the namespace.
 
-        0.2.0 puts what follows the `~` straight behind the name. Crystal and Dashing put a `/` between, so that their
-        policies have `~x` where later ones have `~/x`; `~/x`, of which Dashing made `//`, is read as Eloquent does.
+        0.2.0 puts what follows the `~` straight behind the name. Crystal and Dashing put a `/` between: their `~x` is
+        the later `~/x`. Of `~/x` Dashing made `//`; it is read as Eloquent does.
         """
         text = joined(entry)
         if not _is_plain(text):

@@ -1,8 +1,8 @@
 """The files that graphs and launch files are read from: regular and bounded; included ones below one directory.
 
-JSON and YAML in them are read so that every value knows its line, since their own libraries tell lines of mistakes
-alone. One meaning only: one document, no duplicate keys, no lone surrogates; of JSON no NaN, fractions and great
-numbers, of YAML no anchors, aliases and tags (so that none makes an object), and every scalar is the text as written.
+JSON and YAML in them are read so that every value knows its line; their own libraries tell only lines of mistakes. They
+have one meaning: one document, no duplicate keys, no lone surrogates. JSON has no NaN, fractions and great numbers.
+YAML has no anchors, aliases and tags, so that none makes an object. Every scalar is the text as written.
 """
 
 from __future__ import annotations

@@ -108,8 +108,8 @@ class Certificate(Struct, frozen=True, kw_only=True, eq=False):
     unknown_critical: tuple[str, ...]
     """Object identifiers of critical extensions that X.509 verifiers do not process (RFC 5280 4.2)."""
     constraints: tuple[str, ...]
-    """Object identifiers of extensions, critical or not, whose consequences are not worked out here: constraints of
-    names, policies and resources, and those whose content OpenSSL calls invalid."""
+    """Object identifiers of extensions, critical or not, whose consequences are not worked out here. These constrain
+    names, policies and resources, or OpenSSL calls their content invalid."""
     algorithms_agree: bool
     """Whether both statements of the signature algorithm are the same bytes (RFC 5280, 4.1.1.2)."""
     parsed: x509.Certificate

@@ -66,7 +66,7 @@ class RevocationList(Struct, frozen=True, kw_only=True, eq=False):
     """One CRL found at `line` of `path`; `revoked` holds serial numbers of its own issuer. Compared by identity.
 
     `unknown_critical`: critical extensions, of the list or of an entry, that OpenSSL does not process.
-    `signed_part` is kept since the library encodes a list of a megabyte anew, for 20 ms, whenever it is asked;
+    `signed_part` is kept, since the library encodes a list again whenever it is asked (20 ms for a megabyte).
     `algorithms_agree`: whether the signature algorithm inside it is the one outside (RFC 5280, 5.1.1.2).
     """
 

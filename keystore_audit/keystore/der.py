@@ -75,8 +75,8 @@ def first_element(data: bytes) -> bytes | None:
 def opening(data: bytes, position: int) -> tuple[int, int, int | None]:
     """The tag of the element at `position`, where its content begins, and how long it is (None: it does not say so).
 
-    BER may write the number of a tag behind it, with as many zeros before it as one likes, which OpenSSL reads: what
-    is returned is the short form, where there is one. Raises ValueError for a header that is cut off.
+    BER may write the number of a tag behind it, with any number of leading zeros, and OpenSSL reads that. Returned is
+    the short form, where there is one. Raises ValueError for a header that is cut off.
     """
     try:
         tag, at, length = data[position], position + 1, data[position + 1]

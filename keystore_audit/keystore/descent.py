@@ -1,9 +1,9 @@
 """Finds names below one directory and never leaves it, whatever links say and whoever swaps them meanwhile.
 
-Nothing is opened by a path that the kernel would resolve. Links are read and followed here, as names, and
-what they lead to is reached from the root downwards, one component at a time, without following links: a
-component swapped in between gives a refusal, not a file outside. Outside the root, and others that a user names,
-nothing is even looked at (a hostile link could trigger an automount), so a link that leaves them may lead to anything.
+Nothing is opened by a path that the kernel would resolve. Links are read and followed here, as names. Their targets are
+reached from the root downwards, one component at a time, without following links. So a component swapped in between
+gives a refusal, not a file outside. Outside the root, and others that a user names, nothing is even looked at, since a
+hostile link could trigger an automount. So a link that leaves them may lead to anything.
 """
 
 from __future__ import annotations
@@ -115,11 +115,11 @@ class Descent:
             raise
 
     def follow(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result, Left | None]:
-        """Resolve a link in the real directory `directory`: the place where it ends, what is there, and how the way
-        left the roots, by an absolute path or upwards, before it came back.
+        """Resolve a link in the real directory `directory`: the place where it ends, and what is there. Also how the
+        way left the roots, by an absolute path or upwards, before it came back.
 
-        The way is kept as absolute names, `here`. All names of a root are real directories, so `..` is
-        exact on names there too, and a way that leaves a root and comes back needs no look outside.
+        The way is kept as absolute names, `here`. All names of a root are real directories, so `..` is exact on names
+        there too. A way that leaves a root and comes back needs no look outside.
         Raises Refusal where it ends nowhere, outside or never.
         """
         # In a keystore they all lead up and to the same few files: a way is walked once from where it turns down.

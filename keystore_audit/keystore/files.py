@@ -36,9 +36,9 @@ class File(Struct, frozen=True, kw_only=True):
     """What is at `path`: a path relative to the keystore, POSIX, percent-encoded (`text.percent_path`).
 
     `resolved` is the relative path of the regular file whose bytes these are, links resolved (None unless
-    PRESENT). `detail` says in words why the status is not PRESENT. `mode` holds the permission bits of the
-    resolved file or of a directory that was listed, `group` the number of its group, `link` the target text where the
-    entry itself is a symbolic link, percent-encoded too.
+    PRESENT). `detail` says in words why the status is not PRESENT. `mode` holds the permission bits of the resolved
+    file or of a directory that was listed, `group` the number of its group. `link` is the target text where the entry
+    itself is a symbolic link, percent-encoded too.
     `content` is None where the bytes were withheld: private keys, `.p11` files (they may hold a PIN). Of a file that is
     TOO_LARGE to be read `sha256` is known where all of it was hashed (`traces.search`).
     """

@@ -1,5 +1,5 @@
-"""Files that neither sros2 nor the DDS-Security plugins know by place and name (ros2/sros2, keystore layouts of all
-distributions; ros2/rmw_dds_common, security.cpp), and what users say of them.
+"""Files that neither sros2 nor the DDS-Security plugins know by place and name, and what users say of them. Sources:
+ros2/sros2 (keystore layouts of all distributions) and ros2/rmw_dds_common (security.cpp).
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ NOTHING_DECLARED: Final = DeclaredFiles()
 
 
 class Foreign(Struct, frozen=True, kw_only=True):
-    """A foreign file, or a directory in which nothing was found; `top`: the topmost directory around it in which all is
-    foreign, itself where there is none.
+    """A foreign file, or a directory in which nothing was found. `top`: the topmost directory around it in which all is
+    foreign; itself where there is none.
     """
 
     file: File

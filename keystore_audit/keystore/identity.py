@@ -29,8 +29,8 @@ _SUBJECT_NAME: Final = re.compile(rb"<subject_name\s*>([^<]{1,1024})<")
 
 
 class LooseKey(Struct, frozen=True, kw_only=True):
-    """A private key in a file of no enclave in the keystore `root` (the path as the user gave it): the public half, as
-    `Certificate.key`, and the path.
+    """A private key in a file of no enclave in the keystore `root` (the path as the user gave it). It has the public
+    half, as `Certificate.key`, and the path.
     """
 
     root: str
@@ -72,8 +72,8 @@ class Compared(Struct, frozen=True, kw_only=True):
 class Beside(Struct, frozen=True, kw_only=True):
     """What a run over several keystores knows when it comes to one of them.
 
-    `shared`: identities of the others, at least those whose key or subject is found in this one too, and those that
-    grants name here under an authority of this one; and their loose keys that are of identities of this one.
+    `shared`: identities of the others, at least those whose key or subject is also in this one. Also those that grants
+    here name under an authority of this one, and their loose keys that belong to identities of this one.
     `compared`: its own, as they were when they were compared. `apart`: folders in it that the run audits by themselves,
     as in `layout.Nested.path`.
     """
@@ -86,8 +86,8 @@ class Beside(Struct, frozen=True, kw_only=True):
 def read_identities(
     path: str | os.PathLike[str], declared: DeclaredFiles = NOTHING_DECLARED
 ) -> tuple[Compared, frozenset[str]]:
-    """The identities of the enclaves in the directory `path` whose certificates can be read, the private keys that lie
-    there besides, and the subjects that the enclaves' permissions seem to name: documents are searched, not verified.
+    """The identities of the enclaves in the directory `path` whose certificates can be read, and other private keys
+    there. Also the subjects that the enclaves' permissions seem to name: documents are searched, not verified.
 
     Raises NothingToAudit if there is no directory or no enclave in it.
     """

@@ -54,9 +54,9 @@ def issued_by(certificate: Certificate, issuer: Certificate) -> Issue:
 def fit_to_sign(certificate: Certificate) -> bool:
     """Whether OpenSSL's purpose X509_PURPOSE_SMIME_SIGN admits the certificate (crypto/x509/v3_purp.c).
 
-    Extended key usage absent or with emailProtection (anyExtendedKeyUsage does not do, measured), keyUsage
-    absent or with digitalSignature or nonRepudiation, Netscape certificate type absent or S/MIME or SSL
-    client. PKCS7_verify asks for it in the implementations that do not pin the signer (CVE-2023-24010).
+    Extended key usage: absent or with emailProtection (anyExtendedKeyUsage is refused, measured). keyUsage: absent or
+    with digitalSignature or nonRepudiation. Netscape certificate type: absent, S/MIME or SSL client. PKCS7_verify asks
+    for it in the implementations that do not pin the signer (CVE-2023-24010).
     """
     usage, netscape = certificate.key_usage, _netscape_type(certificate.parsed)
     return (
@@ -74,8 +74,8 @@ def lets_sign(certificate: Certificate) -> bool:
 def may_issue(certificate: Certificate) -> bool:
     """Whether OpenSSL's X509_check_ca admits it as an issuer (crypto/x509/v3_purp.c).
 
-    keyUsage absent or with keyCertSign; basicConstraints with CA:TRUE or, where that is absent, what older authorities
-    look like: a self-signed one of version 1, one with keyUsage, one with a Netscape type of an authority.
+    keyUsage: absent or with keyCertSign. basicConstraints: CA:TRUE. Without them it must look like an old authority:
+    self-signed of version 1, with keyUsage, or with a Netscape type of an authority.
     """
     usage = certificate.key_usage
     if usage is not None and "keyCertSign" not in usage:

@@ -120,8 +120,8 @@ class Keystore(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def unread_foreign(self) -> tuple[File, ...]:
-        """Files in which keys, certificates or documents may stand that nobody read, and that nobody accepted: foreign
-        ones, enclaves' own in other forms, and keys of authorities of which it is not known which they are.
+        """Files, read and accepted by nobody, in which keys, certificates or documents may stand. They are foreign
+        ones, enclaves' own in other forms, and keys of unknown authorities.
         """
         read = {key.file.path for key in self.authority_keys if key.key is not None}
         files = (
@@ -333,7 +333,7 @@ def _further_keys(
 
 
 def _marked(root: Root, layout: Layout) -> list[File]:
-    """Files that were not read and may hold a message, certificate or key, apart from those of enclaves: they carry its
+    """Files that were not read and may hold a message, certificate or key, apart from those of enclaves. They carry its
     mark, or their link leads out of the roots.
     """
     known = {file.path for enclave in layout.enclaves for file in enclave.for_run_time}

@@ -41,8 +41,8 @@ class Role(str, Enum):
 class EnclaveFiles(Struct, frozen=True, kw_only=True):
     """The files of one enclave.
 
-    `path` is its ROS name as untrusted text (percent-encoded like a file's path where directories name it),
-    `directory` relative as in `File.path` (`.` for the root itself). `files` holds an entry for each role,
+    `path` is its ROS name as untrusted text, percent-encoded like a file's path where directories name it.
+    `directory` is relative as in `File.path` (`.` for the root itself). `files` holds an entry for each role,
     MISSING ones too; Ardent's one `ca.cert.pem` serves both CA roles. `pkcs11` are the `.p11` files beside,
     without content, `unsigned` are `governance.xml` and `permissions.xml` by role: of both only what exists.
     """
@@ -83,12 +83,12 @@ class Layout(Struct, frozen=True, kw_only=True):
     `directory_links`: links that leave the keystore and other roots where an enclave could be (nobody looked whether
     to a directory).
     `unreadable_directories`: those that could not be listed. Where the limit of entries was reached, the last one is
-    the directory that went beyond it, and nothing after it in order of path was looked at.
+    the directory that exceeded it. Nothing after it in order of path was looked at.
     `expected`: what a complete keystore of this kind would hold and this one lacks, in words.
-    `nested`: the topmost such folders, and those below one that nobody can start, in order of path; the root (`.`)
-    for an enclave's files beside enclaves/.
-    `folders`: those from the root down to what enclaves read and to the authorities' certificates, links on the way
-    there among it: whoever may write in one can put something else into the place of what it leads to.
+    `nested`: the topmost such folders, and those below one that nobody can start, in order of path. It is the root
+    (`.`) for an enclave's files beside enclaves/.
+    `folders`: those from the root down to what enclaves read and to the authorities' certificates, links included.
+    Whoever can write in one can replace what it leads to.
     """
 
     kind: LayoutKind
@@ -180,8 +180,8 @@ def discover(root: Root, aliases: Iterable[str] = ()) -> Layout:
 
 
 def starts_by_itself(names: AbstractSet[bytes]) -> bool:
-    """Whether a folder with these names is a keystore since Foxy, or an enclave, whole or not (what lacks a file has to
-    fail somewhere): somebody's certificate or key beside one more file of an enclave.
+    """Whether a folder with these names is a keystore since Foxy, or an enclave. An enclave has somebody's certificate
+    or key and one more file of an enclave. It may be incomplete: what lacks a file has to fail somewhere.
     """
     own = names & (_CERTIFICATE | _KEY)
     return b"enclaves" in names or bool(own and sum(bool(names & role) for role in _COMPLETE) > 1)
@@ -194,8 +194,8 @@ def keeps_enclaves_apart(names: AbstractSet[bytes]) -> bool:
 
 
 class _Tree:
-    """Every directory below the root, in order of path, with the names in it: `every` one, and in `listings` those in
-    which enclaves may be: not what the files of a mounted volume lead to.
+    """Every directory below the root, in order of path, with the names in it: `every` one. `listings` has those in
+    which enclaves may be, so not what the files of a mounted volume lead to.
     """
 
     def __init__(self, root: Root) -> None:

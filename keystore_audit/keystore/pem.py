@@ -129,8 +129,8 @@ def read_pem(content: bytes) -> Pem:
 def loose_blocks(content: bytes, *labels: str) -> Iterator[Block]:
     """Every block whose label ends in one of these, wherever it stands: indented, quoted, within other text.
 
-    No run time reads it there, and whoever wants it takes it out. `der` is None where it is encrypted, or stands there
-    in a form from which nobody here takes it, and b"" in a text about blocks: a placeholder, or one that is shortened.
+    No run time reads it there, but anybody can take it out. `der` is None where it is encrypted, or in a form from
+    which nobody here takes it. It is b"" in a text about blocks: a placeholder, or one that is shortened.
     """
     line, before = 1, 0
     for opening in _LOOSE.finditer(content):

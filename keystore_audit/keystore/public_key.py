@@ -86,7 +86,7 @@ def is_weak_algorithm(algorithm: str) -> bool:
 
 
 def identity(key: PublicKeyTypes) -> str:
-    """Return the SHA-256 of the key's SubjectPublicKeyInfo, encoded anew so that one key has one identity."""
+    """Return the SHA-256 of the key's SubjectPublicKeyInfo, encoded again so that one key has one identity."""
     encoded = key.public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
     return hashlib.sha256(encoded).hexdigest()
 

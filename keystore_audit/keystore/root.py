@@ -47,8 +47,8 @@ _EXPECTED: Final = "expected the directory of an SROS2 keystore, as `ros2 securi
 class Root:
     """An open keystore directory; a context manager, since it keeps descriptors.
 
-    Paths are relative to it, as bytes or as `os.fsencode` takes them. Each inode is read once, so that
-    everybody sees the same bytes even when the tree changes meanwhile; a sealed file gives what was hashed, or nothing.
+    Paths are relative to it, as bytes or as `os.fsencode` takes them. Each inode is read once, so that everybody sees
+    the same bytes even when the tree changes meanwhile. A sealed file gives what was hashed, or nothing.
     """
 
     def __init__(self, path: str, descent: Descent) -> None:

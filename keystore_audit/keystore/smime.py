@@ -21,9 +21,9 @@ from keystore_audit.keystore.public_key import DIGESTS, public_half
 from keystore_audit.truth import Truth
 
 MAX_KEYS_TRIED: Final = 64
-"""Distinct keys that are tried on one signature beyond those that it names: a document that no certificate of the
-keystore signed would otherwise cost one verification (0.1 ms) for every enclave, and as often as there are such
-documents. What an unnamed key verifies explains a refusal and changes no verdict."""
+"""Distinct keys that are tried on one signature beyond those that it names. Without the limit, each document that no
+certificate of the keystore signed would cost one verification (0.1 ms) for every enclave. What an unnamed key verifies
+explains a refusal and changes no verdict."""
 
 _HASH: Final = {name: getattr(hashlib, name) for name in DIGESTS}
 
@@ -54,8 +54,8 @@ class Signature(Struct, frozen=True, kw_only=True):
 class SignedDocument(Struct, frozen=True, kw_only=True, eq=False):
     """`governance.p7s` or `permissions.p7s` as read; compared by identity, so that verdicts can be kept by document.
 
-    `content` is the signed XML as OpenSSL hands it to a DDS implementation: canonical CRLF line ends, without the
-    `Content-Type: text/plain` header; None where it could not be separated. `first_line` is
+    `content` is the signed XML as OpenSSL hands it to a DDS implementation. It has canonical CRLF line ends and no
+    `Content-Type: text/plain` header, and is None where it could not be separated. `first_line` is
     the line of the file at which `content` begins, None for an opaque message (its XML has no line of its own there).
     `embedded` are the certificates inside the message; one that the keystore holds too is that object, with its place.
     """

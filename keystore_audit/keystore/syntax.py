@@ -1,8 +1,8 @@
 """How implementations read XML that is not of the plain form: rewritten in the form of the schema, or refused.
 
-DDS-Security 1.1, 9.4.1, has a schema and does not say what becomes of a document that breaks it. Fast DDS goes through
-the elements in the order of the schema and takes the text as it stands; Cyclone DDS takes elements in any order and
-trims. Measured, element by element (tests/oracles/vendors); what was not measured is unknown.
+DDS-Security 1.1, 9.4.1, has a schema and does not say what becomes of a document that breaks it. Fast DDS reads the
+elements in the order of the schema and takes the text as it stands. Cyclone DDS takes elements in any order and trims
+text. Measured, element by element (tests/oracles/vendors); what was not measured is unknown.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ _ENCODED: Final = (b"YJKoZIhvcNAQcC", b"BgkqhkiG9w0BBwI", b"GCSqGSIb3DQEHAq")
 """The same in base64, behind 1, 0 or 2 bytes of a group of three: what every signature has near its beginning."""
 
 ARMOUR: Final = ("CERTIFICATE", "PKCS7", "CMS", "SIGNED DATA")
-"""How the labels end of PEM in which messages are, and certificates: OpenSSL takes the first for a message, too, knows
+"""How PEM labels of messages and certificates end. OpenSSL takes the first for a message, too, knows
 `TRUSTED CERTIFICATE`, and writes `PKCS #7 SIGNED DATA` itself.
 """
 

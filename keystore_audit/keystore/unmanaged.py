@@ -93,9 +93,9 @@ MAX_BYTES: Final = 4 * 1024 * 1024
 class UnmanagedIdentity(Struct, frozen=True, kw_only=True, eq=False):
     """A certificate that no enclave has as its own.
 
-    `key`: the file with its private key, or (not `held`) one that may hold it and could not be read; empty where it is
-    known otherwise that somebody has it. `authorities`: of those in identity CA files, the ones that vouch for it
-    (`inventory.unmanaged_identities`); itself is among them where it stands in such a file and may be taken there.
+    `key`: the file with its private key, or (not `held`) one that may hold it and could not be read. It is empty where
+    it is known otherwise that somebody has the key. `authorities`: those in identity CA files that vouch for it
+    (`inventory.unmanaged_identities`). Itself is among them if it is in such a file and may be taken there.
     """
 
     certificate: Certificate

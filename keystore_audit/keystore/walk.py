@@ -1,5 +1,5 @@
-"""Every directory of a keystore, in order of path, over such links to directories as are to be entered,
-and the digest of all that lies there.
+"""Every directory of a keystore, in order of path, and the digest of all that lies there. It enters such links to
+directories as it is told to.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from keystore_audit.keystore.root import Root
 from keystore_audit.text import percent_path
 
 VOLUME: Final = b"..data"
-"""The link by which Kubernetes swaps the files of a mounted secret at once, to a folder beside it whose name begins
-with two dots, too (pkg/volume/util/atomic_writer.go).
+"""The link by which Kubernetes swaps the files of a mounted secret at once (pkg/volume/util/atomic_writer.go). It leads
+to a folder beside it whose name begins with two dots, too.
 """
 
 
@@ -77,9 +77,8 @@ _DIRECTORY: Final = EntryKind.DIRECTORY.value.encode()
 def digest(records: Iterable[Record]) -> str:
     """Hash the tree: for each entry, in order of path, path, type and value, each ended by NUL.
 
-    The value is the SHA-256 of a file's content in hexadecimal (its status where it was not hashed), a link's
-    target, and nothing for a directory (its status where it was not listed). No modes and times: a copy has
-    the same digest.
+    The value is the SHA-256 of a file's content in hexadecimal, a link's target, and nothing for a directory. Where a
+    file was not hashed, or a directory not listed, it is the status. No modes and times: a copy has the same digest.
     """
     hashed = hashlib.sha256()
     for record in records:

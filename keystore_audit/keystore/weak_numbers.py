@@ -95,8 +95,8 @@ def _logarithms() -> list[tuple[int, dict[int, int]]]:
 def has_roca_fingerprint(modulus: int) -> bool:
     """Whether the modulus is a power of 65537 modulo the product of the first 39 primes.
 
-    Nemec, Sys, Svenda, Klinec, Matyas, "The Return of Coppersmith's Attack" (ACM CCS 2017), 2.3: keys of Infineon's
-    RSALib are, others by chance in one of 2^154. The logarithm is put together from those modulo each prime.
+    Keys of Infineon's RSALib are; others by chance in one of 2^154. Source: Nemec, Sys, Svenda, Klinec, Matyas, "The
+    Return of Coppersmith's Attack" (ACM CCS 2017), 2.3. The logarithm is put together from those modulo each prime.
     """
     exponent, order = 0, 1
     for prime, powers in _logarithms():
@@ -115,8 +115,8 @@ def has_roca_fingerprint(modulus: int) -> bool:
 def with_common_factors(moduli: Iterable[int]) -> list[tuple[int, ...]]:
     """Groups of the moduli that have a factor in common (Bernstein's batch gcd); of two such factors, one is enough.
 
-    Each node of the tree has the product of its moduli and the sum of that product divided by each of them, which
-    modulo one of them is the product of all others. Decimal multiplies and divides long numbers in n log n.
+    Each node of the tree has the product of its moduli, and the sum of that product divided by each of them. Modulo
+    one of them the sum is the product of all others. Decimal multiplies and divides long numbers in n log n.
     """
     every = sorted(set(moduli))
     if len(every) < 2:

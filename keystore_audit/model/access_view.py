@@ -191,9 +191,9 @@ class AccessViews:
     def within_budget(self, build: Callable[[AccessViews], T]) -> tuple[T, AccessViews]:
         """What is built with the views, and these.
 
-        Where that are too many classes of names, the documents with the most wildcards count as unread, as few of them
-        as will do: they may say anything, and what does not rest on them stays decided. Raises errors.BudgetExceeded
-        where not even that is enough: what users name tells apart too much by itself.
+        Where there are too many classes of names, the fewest documents with the most wildcards count as unread. They
+        may say anything; what does not rest on them stays decided. Raises errors.BudgetExceeded where not even that is
+        enough: what users name tells apart too much by itself.
         """
         found: tuple[T, AccessViews] | None = None
         why = ""
@@ -356,7 +356,7 @@ def typed_by(file: Typed, access: Access) -> Governance | Permissions | str | De
 
 
 def _undefined_expression(typed: Governance | Permissions, access: Access) -> tuple[str, int | None] | None:
-    """An expression whose meaning hangs on what an implementation has in its memory, and its line."""
+    """An expression whose meaning depends on what an implementation has in its memory, and its line."""
     for expression in expressions(typed):
         if "[" in expression.text:
             pattern = parse(expression.text, access.matcher)

@@ -1,7 +1,7 @@
 """What somebody can do who holds the key of an enclave or of an authority: its blast radius (docs/model.md).
 
-Rights and keys come from `model.formal.attacker`, hops and flows from `model.formal.flow` and `model.formal.influence`:
-nothing is decided here anew. Names are those that the documents tell apart, each with a channel of its own in every
+Rights and keys come from `model.formal.attacker`, hops and flows from `model.formal.flow` and `model.formal.influence`.
+Nothing is decided here again. Names are those that the documents tell apart, each with a channel of its own in every
 governed domain.
 """
 
@@ -116,7 +116,7 @@ class Radii:
         )
 
     def abilities(self, acting: Iterable[int]) -> tuple[int, int, int]:
-        """Channels that the enclaves write by right, forge besides, and read, if only as anybody on the network can."""
+        """Channels that the enclaves write by right, forge as well, and read, if only as anybody on the network can."""
         written = 0
         forged, read = self._flows.injectable, self._flows.readable
         for number in acting:
@@ -246,8 +246,8 @@ def ground(
 class Ranked(Struct, frozen=True, kw_only=True):
     """The blast radius of the enclave `path` in numbers.
 
-    Topics are DDS topic names that documents tell apart; `endless`: a class of names that has no end is among those
-    that it writes, forges or reads. Enclaves reached: if all on the way are compromised, and if nobody else is.
+    Topics are DDS topic names that documents tell apart. `endless`: those that it writes, forges or reads include an
+    infinite class of names. Enclaves reached: if all on the way are compromised, and if nobody else is.
     """
 
     path: str

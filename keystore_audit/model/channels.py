@@ -1,8 +1,8 @@
 """Channels: domain class × topic class × partition class, exact over all names and ids.
 
-Every expression of every readable document, as each kind of implementation reads it, takes part in the classes, so that
-each ordered rule list, each default and each governance look-up is constant on a class; one evaluation per class is
-then exact for all names (docs/model.md). Classes that no rule of any document tells apart are merged.
+Every expression of every readable document, as each kind of implementation reads it, takes part in the classes. So each
+ordered rule list, each default and each governance look-up is constant on a class. One evaluation per class is then
+exact for all names (docs/model.md). Classes that no rule of any document tells apart are merged.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ MAX_CELLS = 1_000_000
 MAX_FURTHER = 300_000
 FURTHER = 20_000
 FURTHER_PER_DOCUMENT = 1_500
-"""Channels of further domain classes than the first, each with all classes of names: about 200 MB; and how many a
-keystore of few documents has. 1,000 enclaves have 30,000 classes of names: they may be in ten domain classes."""
+"""Channels of further domain classes than the first, each with all classes of names: about 200 MB. Also how many of
+them a keystore of few documents has. 1,000 enclaves have 30,000 classes of names: they may be in ten domain classes."""
 
 MAX_RULED = 50_000_000
 """Pairs of such a channel and what topic rules of governance documents are about: a second and 50 MB."""
@@ -201,8 +201,8 @@ def document_channels(
 
     `points`: as in `build_channels`, which says what is raised. `claimed`: names that have to be told apart as well.
     `ungoverned`: names of domains that only permissions speak of are told apart too. `opened`: those of any domain.
-    `literal`: partitions are plain names, as they are to permissions; else who may be in one that is a pattern is met
-    in all that it matches. None: they are where there are `points`, which then need no classes of names at all.
+    `literal`: partitions are plain names, as they are to permissions. Else an endpoint in a pattern is met in all that
+    the pattern matches. None: they are where there are `points`, which then need no classes of names at all.
     """
     regions: dict[ReadRegion, None] = dict.fromkeys(claimed)
     opening: set[ReadRegion] = set()

@@ -67,9 +67,9 @@ Table = tuple[list[Column], dict[int, frozenset[int]]]
 class Columns:
     """The columns of some shapes, in the making.
 
-    `topics_of`, `partitions_of`: by pattern, the classes that it matches. `met_by`: by partition class, the others in
-    which somebody may have endpoints that are met in it, in regions that one of the shapes `allowing` lists (None:
-    anywhere). What a pair is met by is part of what tells it apart: rights in one column mean one thing then.
+    `topics_of`, `partitions_of`: by pattern, the classes that it matches. `met_by`: by partition class, the others with
+    endpoints that are met in it, in regions that one of the shapes `allowing` lists (None: anywhere). What a pair is
+    met by is part of what tells it apart: rights in one column mean one thing then.
     """
 
     def __init__(

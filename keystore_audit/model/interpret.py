@@ -206,8 +206,8 @@ def _unneeded(channel: ChannelAtom) -> tuple[bool, bool]:
 
 
 def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:
-    """Topics of governed domains that no topic rule matches: of each document and domain class one, and another where
-    implementations read expressions or ranges so differently that it is not the same for all.
+    """Topics of governed domains that no topic rule matches, one of each document and domain class. There are more
+    where implementations read expressions or ranges so differently that none is the same for all.
     """
     known: dict[tuple[int, int], tuple[UngovernedTopics, ...]] = {}
     found: dict[UngovernedTopics, list[str]] = {}

@@ -147,8 +147,8 @@ def embedded_authorities(documents: Iterable[Document]) -> Iterator[Certificate]
 def embeddable(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]:
     """Certificates below some permissions CA, wherever they are read, that are not over `at` an instant.
 
-    An attacker puts into a message what it likes: where signers are not pinned, whoever has the key of one that is fit
-    to sign signs what peers take, and an authority among them makes such certificates.
+    An attacker can put anything into a message. Where signers are not pinned, peers take what the key of any of these
+    signs, if it is fit to sign. An authority among these can make such certificates.
     Raises errors.BudgetExceeded.
     """
     identities = keystore.identities
@@ -290,7 +290,7 @@ def unmanaged_identities(keystore: Keystore, at: datetime) -> tuple[UnmanagedIde
 
     Whoever has the key is a participant with what grants give the subject (measured on Cyclone DDS and Fast DDS).
     Authorities of CA files are none of these: what their keys open is asked by itself. A further certificate of such a
-    key is one: it makes a participant, whatever else the key signs, and whether or not anybody trusts that authority.
+    key is one. It makes a participant, whatever else the key signs, and whether or not anybody trusts that authority.
     So is an enclave's own where its key lies elsewhere, too: who has that one has other files around it.
     """
     found = _outside(keystore)
@@ -326,7 +326,7 @@ def behind(place: str) -> str:
 
 @lru_cache(maxsize=16_384)
 def governance_alike(file: GovernanceFile) -> GovernanceFile:
-    """The first ever read that says the same and has the same signers: some sign one anew for each enclave.
+    """The first ever read that says the same and has the same signers: some sign one again for each enclave.
 
     It may be of another keystore, so that it is there to compare with. All that implementations make of a governance
     follows from these. One of several meanings, or in a message that we refuse to interpret, is like its copies alone.

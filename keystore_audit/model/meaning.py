@@ -73,12 +73,12 @@ class Divergence(Struct, frozen=True, kw_only=True):
 class Meaning(Struct, frozen=True, kw_only=True):
     """The normalised model of a keystore at one instant.
 
-    `systems`: one for each kind of implementation among the chosen profiles and each reading (only MAY where
-    there is no doubt, since MUST is then equal). `usability`: by (enclave directory, canonical profile name).
+    `systems`: one for each kind of implementation among the chosen profiles and each reading. Only MAY where there is
+    no doubt, since MUST is then equal. `usability`: by (enclave directory, canonical profile name).
     `over_budget`: why topic classes could not be computed; there are no systems then. `idle`: sentences that say
-    which properties hold for want of anything to protect. `divergences`: what the profiles decide differently; empty
-    where there are no systems. `anomalies`: what is odd about rules, by the place of the document; likewise. `ros`:
-    what permissions mean to ROS 2 nodes; None where there are no systems.
+    which properties hold because there is nothing to protect. `divergences`: what the profiles decide differently;
+    empty where there are no systems. `anomalies`: what is odd about rules, by the place of the document; likewise.
+    `ros`: what permissions mean to ROS 2 nodes; None where there are no systems.
     """
 
     systems: tuple[System, ...]

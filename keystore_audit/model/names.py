@@ -1,7 +1,7 @@
 """ROS 2 names and the DDS names that they become, by the rules of rmw and of sros2's policy translation.
 
-Sources: `intent/intent.py` for what a fully qualified name is, rmw's topic prefixes, and sros2's
-`permissions.xsl` for which DDS topics a right on a service or an action needs. Lengths are not limited here: rmw takes
+Sources: `intent/intent.py` (what a fully qualified name is) and rmw's topic prefixes. `permissions.xsl` of sros2 says
+which DDS topics a right on a service or an action needs. Lengths are not limited here: rmw takes
 at most 247 characters, a DDS participant any number.
 """
 
@@ -88,8 +88,8 @@ class RosKind(str, Enum):
 class RosName(Struct, frozen=True, kw_only=True):
     """What one DDS topic is to ROS 2.
 
-    `name`: fully qualified (for `ros_discovery_info`, which has none, that itself). `part`: which of the DDS topics of
-    `name` it is, in words: "" for a topic, "request" of a service, "feedback" or "send_goal request" of an action.
+    `name`: fully qualified (for `ros_discovery_info`, which has none, that itself). `part`: which of its DDS topics it
+    is, in words. That is "" for a topic, "request" of a service, "feedback" or "send_goal request" of an action.
     """
 
     kind: RosKind

@@ -97,8 +97,8 @@ class Answer(Struct, frozen=True, kw_only=True):
         return self._word(self.effective, {half.effective for half in self.halves})
 
     def _word(self, whole: Truth, halves: set[Truth]) -> str:
-        """Half of a service is no denial of it: servers carry out a request whether or not its sender may read the
-        reply, and clients take a reply (measured).
+        """Half of a service is no denial of it. Servers carry out a request even if its sender may not read the reply,
+        and clients take a reply (measured).
         """
         return PARTLY if halves >= {Truth.YES, Truth.NO} else WORDS[whole]
 

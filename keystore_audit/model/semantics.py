@@ -31,8 +31,8 @@ from keystore_audit.profiles import Access, PartitionReading, RelayReading, Topi
 class Area(NamedTuple):
     """Names that one of `topics` matches, in partitions that one of `partitions` matches (None: in every one).
 
-    `every`: an endpoint in several partitions is in the area if all of them are, as allow rules want it; else if any
-    is, as deny rules do. A tuple, since a keystore has 100,000s of them.
+    `every`: an endpoint in several partitions is in the area if all of them are, as in allow rules. Else it is if any
+    is, as in deny rules. A tuple, since a keystore has 100,000s of them.
     """
 
     topics: tuple[str, ...]

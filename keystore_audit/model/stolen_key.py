@@ -1,8 +1,8 @@
 """What somebody can make with a key: identities where it is an authority's, rights where it signs permissions.
 
-The holder becomes enclaves of a system like any other, so that what they can do follows from what peers accept: new
-certificates by every authority that has the key, with every subject that a grant names, since permissions go over the
-network in clear and are bound to a name, not to a key (DDS-Security 1.1, 9.4.1.3).
+The holder becomes enclaves of a system like any other, so what peers accept decides what they can do. It has new
+certificates by every authority with the key, for every subject that a grant names. Permissions cross the network in
+clear and are bound to a name, not to a key (DDS-Security 1.1, 9.4.1.3).
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def holding_both(system: System, key: int) -> System:
 def _subjects(system: System) -> Iterable[frozenset[int]]:
     """Which grants name a subject, for every subject that some grant names, and for one that none does.
 
-    Those of certificates that are here, and those that grants tell: to Cyclone DDS a grant names who is here where
-    its subject begins as theirs, and whoever has just that subject may be named by fewer grants.
+    Those of certificates here, and those that grants tell. To Cyclone DDS a grant names who is here where its subject
+    begins with theirs. Whoever has just that subject may be named by fewer grants.
     """
     by_certificate: dict[int, set[int]] = {}
     found = {frozenset[int]()}

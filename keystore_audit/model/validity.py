@@ -1,8 +1,8 @@
 """The dates of a grant as instants, as each implementation reads them.
 
 DDS-Security 1.1, 9.4.1.3.2.2: xs:dateTime (W3C XML Schema Part 2, 3.2.7), without a zone UTC. What implementations do
-instead was measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, whose clock was set to the seconds around each date
-(tests/oracles/dates), and read in the source of OpenDDS.
+instead was measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, with clocks set to the seconds around each date
+(tests/oracles/dates). OpenDDS was read in its source.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ def mktime(local: datetime, zone: ZoneInfo) -> tuple[datetime, datetime]:
     """What `mktime` makes of a naive time with `tm_isdst` 0 on a machine in `zone`: aware UTC, earliest and latest.
 
     The field says that the time is not daylight saving time, in summer too: it is standard time, an hour later. The
-    two differ where the answer hangs on what the process had asked before: standard time put back, or daylight saving
-    time that skips a day. Raises OverflowError outside the years 1 to 9999.
+    two differ where the answer depends on what the process asked before. That is for standard time put back, and for
+    daylight saving time that skips a day. Raises OverflowError outside the years 1 to 9999.
     """
     readings = [local.replace(tzinfo=zone, fold=fold) for fold in (0, 1)]
     matching = [each for each in readings if _local(each.astimezone(timezone.utc), zone) == local]
@@ -135,15 +135,15 @@ _GET_TIME: Final = re.compile(
     r"(?:[Tt](?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{1,2}):(?P<second>[0-9]{1,2}).*)?)?)?",
     re.DOTALL,
 )
-"""`std::get_time` with "%Y-%m-%dT%T", of GCC 12: a text may end behind each part of the date, and whatever stands
-behind the seconds is not looked at (measured)."""
+"""`std::get_time` with "%Y-%m-%dT%T", of GCC 12 (measured). A text may end behind each part of the date, and whatever
+stands behind the seconds is not looked at."""
 
 
 class Dated(Struct, frozen=True, kw_only=True):
     """An instant that an implementation takes a date for: aware UTC.
 
-    It hangs on what we do not know where `earliest` and `latest` differ; `instant` is then what it would be in UTC, or
-    one of the two. `readable`: false where the implementation cannot read the text and goes on with `BEGINNING`.
+    Where `earliest` and `latest` differ, it depends on what we do not know. `instant` is then what it would be in UTC,
+    or one of the two. `readable`: false where the implementation cannot read the text and goes on with `BEGINNING`.
     """
 
     instant: datetime
@@ -153,7 +153,7 @@ class Dated(Struct, frozen=True, kw_only=True):
 
     @property
     def local(self) -> bool:
-        """Whether the instant hangs on the robot's zone."""
+        """Whether the instant depends on the robot's zone."""
         return self.earliest != self.latest
 
 
@@ -175,7 +175,7 @@ def in_force(limited: Limited, at: datetime) -> bool:
 
 
 def counts_at(not_before: Dated, not_after: Dated, at: datetime, reading: DateReading) -> Truth:
-    """Whether a grant with these dates counts `at` an instant (aware UTC); UNKNOWN: it hangs on the robot's zone."""
+    """Whether a grant with these dates counts `at` an instant (aware UTC); UNKNOWN: it depends on the robot's zone."""
     if reading in (DateReading.ROBOT_TIME, DateReading.SHIFTED_CLOCK):
         at = at.replace(microsecond=0)  # their clock is `time`, which counts whole seconds
     # Exclusive bounds differ from inclusive ones by the least step of time.

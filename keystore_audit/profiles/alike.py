@@ -13,8 +13,8 @@ T = TypeVar("T")
 class Alike(Generic[T]):
     """What a computation makes of access rows, equal results being one object.
 
-    It must not do anything with a row but read its fields: those that it reads are noted, and rows with the same values
-    of them have the same result. So a new peculiarity counts as soon as the computation reads it.
+    It must only read fields of a row. Those that it reads are noted, and rows with the same values of them have the
+    same result. So a new peculiarity counts as soon as the computation reads it.
     """
 
     def __init__(self, compute: Callable[[Access], T]) -> None:

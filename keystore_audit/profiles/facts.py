@@ -1,7 +1,7 @@
 """What is known of implementations beyond the rows of quirks.toml, as findings say it, and the evidence of clauses.
 
-How they read faulty XML, certificate files and sessions is no peculiarity that a verdict goes by: what differs there is
-a defect, never a guess. Measured, unless said otherwise, on what `TESTED_ON` names.
+How they read faulty XML, certificate files and sessions is no peculiarity for verdicts: what differs there is a defect,
+never a guess. Measured, unless said otherwise, on what `TESTED_ON` names.
 """
 
 from __future__ import annotations

@@ -52,11 +52,11 @@ class PartitionReading(str, Enum):
     """Where the partitions of a rule count.
 
     CRITERION: each criterion has its own (DDS-Security 1.1, 9.4.1.3.2.3), a deny rule without any denies in all.
-    CRITERION_NAMED: the same, but an endpoint without any name of a partition, in the default one, is in those of every
-    allow rule and of no deny rule that lists some.
+    CRITERION_NAMED: the same, except for an endpoint without a partition name, in the default partition. It is in those
+    of every allow rule and of no deny rule that lists some.
     CRITERION_DEFAULT: the same, and a deny rule without any denies in the default partition alone. RULE: the first rule
-    whose topics match decides; those of all its criteria of the kind count for all its topics, and outside of them, and
-    anywhere in a deny rule, it denies.
+    whose topics match decides. Partitions of all its criteria of the kind count for all its topics. Outside of them,
+    and anywhere in a deny rule, it denies.
     """
 
     CRITERION = "of-the-criterion"
@@ -92,9 +92,9 @@ class RelayReading(str, Enum):
 class JoinCheck(str, Enum):
     """What a grant needs so that an implementation creates its own participant.
 
-    ALLOWED_DOMAIN: where join access control is on, an allow rule for the domain or the default ALLOW (DDS-Security
-    1.1, Table 63, save that it would refuse every stock enclave). ANY_ALLOW_RULE: one of whatever domain.
-    LOOSE_TOPIC: as ALLOWED_DOMAIN, unless some topic rule of the domain has read or write access control off.
+    ALLOWED_DOMAIN: where join access control is on, an allow rule for the domain or the default ALLOW. This is
+    DDS-Security 1.1, Table 63, except that the table would refuse every stock enclave. ANY_ALLOW_RULE: one of whatever
+    domain. LOOSE_TOPIC: as ALLOWED_DOMAIN, unless some topic rule of the domain has read or write access control off.
     TABLE_63: to the letter.
     """
 

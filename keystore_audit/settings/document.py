@@ -96,7 +96,7 @@ class Source:
 def read_document(path: Path, keystores: Iterable[str | Path], most: int, kind: type[T]) -> tuple[GivenFile, T, Source]:
     """The file at `path`, of `most` bytes at most, as a table of this kind.
 
-    Raises errors.UsageError, with a line, for what is no TOML or no such table; and for a file that lies in one of the
+    Raises errors.UsageError, with a line, for what is no TOML or no such table. Raises it too for a file in one of the
     `keystores`, which could then absolve itself.
     """
     check_beside(path, keystores)

@@ -228,7 +228,7 @@ class Baseline(Struct, frozen=True, kw_only=True):
 def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
     """The settings in the file at `path`.
 
-    Raises errors.UsageError, with the line, for what is no settings file; and for one that lies in one of the
+    Raises errors.UsageError, with the line, for what is no settings file. Raises it too for one in one of the
     `keystores`, which could then absolve itself.
     """
     file, root, source = read_document(path, keystores, MAX_BYTES, SettingsTable)

@@ -210,8 +210,8 @@ def _refusal(
 def _within(where: tuple[str, ...], finding: Finding, outside: Collection[str]) -> bool:
     """Whether the finding is at these places and nowhere else.
 
-    That of an enclave may be in what enclaves carry; what lies `outside`, as a document that it may present, has to be
-    named as well.
+    A finding of an enclave may be in what enclaves carry. What lies `outside`, as a document that it may present, has
+    to be named as well.
     """
     if finding.code.startswith(OF_PROPERTIES):  # its enclave is that of an example, and others come
         return False

@@ -109,8 +109,8 @@ class Remote(Struct, frozen=True):
 
 
 class Meant(Enum):
-    """What a key expression stands for: each key of it by itself, one message with it, any message that meets it, or
-    whatever somebody likes, whether it meets it or not.
+    """What a key expression stands for. That is each key of it by itself, one message with it, or any message that
+    meets it. Or it is whatever somebody likes, whether it meets it or not.
     """
 
     EACH = "each"

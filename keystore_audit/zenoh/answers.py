@@ -249,8 +249,8 @@ class Rights:
         return Reached(Truth.UNKNOWN if self.doubts else Truth.NO)
 
     def _chosen(self, key: str) -> Iterator[Key]:
-        """What an attacker's message may be about: the key, what rules name and meets it, and at last whatever meets
-        it: that it passes is then not certain, and if it does not, no message does.
+        """What an attacker's message may be about: the key, what rules name and meets it, and last whatever meets it.
+        That the last passes is not certain; if it does not, no message does.
         """
         yield Key(key)
         if key not in self._wide:
@@ -321,8 +321,8 @@ def _obstacle(begins: Iterable[Tie], messages: Sequence[Message], release: Relea
 
 
 def to_pass(passing: Passing, first: Key, rest: Key, replied: Key | None = None) -> tuple[Message, ...]:
-    """What has to pass; `first`: what whoever does it asks for or sends, `rest`: what comes of it; `replied`: what
-    replies are about, where not that (they have keys of their own: measured).
+    """What has to pass. `first`: what is asked for or sent; `rest`: what comes of it. `replied`: what replies are
+    about, where that differs (they have keys of their own: measured).
     """
     reply = replied or rest
     return tuple(Message(kind, away, reply if kind is _REPLY else first if away else rest) for kind, away in passing)

@@ -1,7 +1,7 @@
 """What the configuration of a process says, and why it would be refused: the file alone, whoever it is of.
 
-Sources: commons/zenoh-config of eclipse-zenoh/zenoh for what the fields mean, `fields.json` (asked of the releases)
-for which there are, and the defaults that `Config::default` and the session's `open` take.
+Sources: commons/zenoh-config of eclipse-zenoh/zenoh for the meaning of fields, and `fields.json` (asked of the
+releases) for which exist. Defaults are those of `Config::default` and of the session's `open`.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ from keystore_audit.zenoh.participants import (
 class Hop(Struct, frozen=True, kw_only=True):
     """Something gets from one participant to another.
 
-    `key`: what it is about; `way`: over which links, none where nothing is known of an end of them; `attack`,
-    `heard`: whether the sender and the receiver go without their files; `location`: what lets it in.
+    `key`: what it is about. `way`: over which links, none where nothing is known of an end of them. `attack`, `heard`:
+    whether the sender and the receiver go without their files. `location`: what lets it in.
     """
 
     sender: Participant

@@ -1,7 +1,7 @@
 """Who is linked to whom, and how far messages come: over links, and through processes that pass them on.
 
-Measured (tests/oracles/zenoh): a router passes on, but not from a peer to a peer; a peer passes on between a client and
-whoever else; whoever connects knows the certificate of whoever listens, and the other way about only with mutual TLS.
+Measured (tests/oracles/zenoh): a router passes on, but not from a peer to a peer. A peer passes on between a client and
+any other process. Who connects knows the listener's certificate; the listener knows the other's only with mutual TLS.
 A client sends whether or not it was told of a receiver, and so does a peer to a router; others do not.
 """
 
@@ -166,8 +166,8 @@ class Links:
                 yield from (Tie(near=None, mode=mode, far=process, seen=seen, sees=seen, sure=there) for mode in Mode)
 
     def _sought(self, process: Process, certificate: Certificate | None) -> Iterator[Tie]:
-        """The links that a process makes itself, to whoever announces an address: by multicast anybody, by gossip who
-        has a link to one that passes it on (measured).
+        """The links that a process makes itself, to whoever announces an address (measured). By multicast that is
+        anybody; by gossip it is who has a link to one that passes it on.
         """
         says = process.says
         if not says.seeks or (certificate is None and not says.multicast):
@@ -313,8 +313,8 @@ def ways(
 ) -> Iterator[tuple[Way, int]]:
     """The fewest links over which things get to each place, and which of them first do by these.
 
-    `crossing`: (bits) what gets over a link; `more`: by process (its id) links that it has beside those of the network;
-    `certain`: whether what is passed on perhaps counts not.
+    `crossing`: (bits) what gets over a link. `more`: by process (its id) links that it has beside those of the network.
+    `certain`: what may not be passed on does not count.
     """
     seen: dict[tuple[int, int, Mode], int] = {}
     found: list[tuple[Way, int]] = [((tie,), -1) for tie in begins]

@@ -22,8 +22,8 @@ REACHES: Final = "reach"
 
 
 class Opened(Struct, frozen=True, kw_only=True):
-    """One thing that it can do, or perhaps can (`certain`): an operation on the keys of an expression, or HEARS or
-    REACHES somebody, by the `way` told. `places`: what lets it in, hop by hop.
+    """One thing that it can do, or perhaps can (`certain`), by the `way` told. It is an operation on the keys of an
+    expression, or HEARS or REACHES somebody. `places`: what lets it in, hop by hop.
     """
 
     does: str

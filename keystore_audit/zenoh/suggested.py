@@ -91,8 +91,8 @@ def router_and_clients(
 
 
 def peers(parties: Sequence[Party], domain: int) -> tuple[list[Configuration], list[tuple[str, str]]]:
-    """What each starts with, linked with whoever has the other side of some right of its own, and with nobody else; and
-    by name the pairs that have no link, since neither listens.
+    """What each starts with, linked only with those who have the other side of some right of its own. Also, by name,
+    the pairs that have no link, since neither listens.
 
     Each file lets out and in what its owner and the other both have a right to.
     """

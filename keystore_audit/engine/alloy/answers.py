@@ -35,7 +35,7 @@ class Command(Struct, frozen=True, kw_only=True):
 def verdicts(diagnostics: str, commands: Sequence[Command]) -> dict[str, bool]:
     """Return for each command, by name, whether it has an instance.
 
-    Raises EngineFailed unless there is exactly one verdict for each, in order, and no line besides.
+    Raises EngineFailed unless there is exactly one verdict for each, in order, and no other line.
     """
     lines = [line for line in diagnostics.replace("\b", "").splitlines() if line.strip()]
     found: dict[str, bool] = {}

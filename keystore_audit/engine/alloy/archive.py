@@ -1,7 +1,7 @@
-"""The Analyzer's classes as a JVM has them when it has answered: each start spares what that took (JEP 514, Java 25).
+"""The Analyzer's classes as a JVM has them after an answer: each start saves that time (JEP 514, Java 25).
 
-The archive lies beside the jar in the user's cache, its name has the digest of what it was made from and that of what
-is in it. What is used has that digest and is from a file that nobody else may write, by the same Java.
+The archive is beside the jar in the user's cache. Its name has the digest of its sources and the digest of its content.
+An archive is used only with that digest, from a file that nobody else may write, and by the same Java.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""The atoms of a generated model: names that say what they are, made of an index and never of a keystore's text.
+"""The atoms of a generated model: readable names, made of an index and never of a keystore's text.
 
-An atom is called `T3_chatter`: the letters say its sig, the number is its index in the `System`, the rest is
-decoration that no program reads. An atom of the Analyzer's answer (`keystore/T3_chatter$0`) leads back by letters
-and number alone.
+An atom is called `T3_chatter`: the letters name its sig, the number is its index in the `System`. No program reads
+the rest. An atom of the Analyzer's answer (`keystore/T3_chatter$0`) leads back by letters and number alone.
 """
 
 from __future__ import annotations

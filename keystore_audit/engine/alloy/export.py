@@ -71,8 +71,8 @@ fun ungranted: Enclave -> Channel {
 def commands(properties: Sequence[Property], system: System | None = None, *, window: bool = False) -> str:
     """Return the module `audit`: the runs against vacuity, a check of each of `properties`, the claims of `system`.
 
-    `window`: for the Analyzer's window, with short atom names and relations to draw. Not for the solver alone, since
-    the Analyzer parses a module once for each path of `open` that leads to it, and the facts are the largest.
+    `window`: for the Analyzer's window, with short atom names and relations to draw. Not for the solver: the Analyzer
+    parses a module once for each path of `open` to it, and the facts are the largest module.
     """
     asked = claims.write_claims(system) if system is not None else ""
     lines = [
@@ -178,36 +178,35 @@ MAX_NAME: Final = 200
 
 _OPENING: Final = """\
 Open `audit.als` in the Alloy Analyzer (6.2.0) and choose Execute All. A check without counterexample is a property
-that holds: the facts are constants, so it is a proof about this keystore. Where there is a counterexample, show it
-and load the theme `keystore_audit.thm` (Theme, Load Theme): the atoms marked with the names of the check's variables
-are the witness. Without a window: `java -jar JAR exec -f -t text -d 0 -s sat4j -o solutions audit.als` prints each
-command with UNSAT (a check holds, a run finds nothing) or SAT, and puts instances into the folder `solutions`;
-`-c OutsidersCannotRead` before the file is that command alone. `keystore-audit engine` says which `java` and JAR are
-there. Keep `for 0` in commands of your own: a larger scope adds what the keystore does not have.
+that holds. The facts are constants, so it is a proof about this keystore. If there is a counterexample, show it and
+load the theme `keystore_audit.thm` (Theme, Load Theme). The atoms with the names of the check's variables are the
+witness. Without a window, run `java -jar JAR exec -f -t text -d 0 -s sat4j -o solutions audit.als`. It prints each
+command with UNSAT (a check holds, a run finds nothing) or SAT, and writes instances to the folder `solutions`.
+`-c OutsidersCannotRead` before the file runs that command alone. `keystore-audit engine` says which `java` and JAR are
+installed. Keep `for 0` in your own commands: a larger scope adds what the keystore does not have.
 """
 
 _FILES: Final = """\
 `keystore.als` holds the facts and nothing else, `audit.als` the commands; all other modules are the same for every
-keystore. To read them, begin with `dds_security.als`: it explains the words of DDS, SROS2 and certificates, what each
-function of `keystore.als` means, and the order in which to read on. Claims of
-`keystore-audit.toml` stand at the end of `audit.als`, `Claim0` and so on: of a claim about flows an instance is a
-compartment that nothing leaves, so that the claim holds where there is one (of "able": is violated). `paths.als`, where
-it is there, looks for a shortest path of each. `scenarios.als` has words for what is meant to happen: open it in a file
-of your own, say what is wired, and run `can_arrive` or check `arrives_fairly`, for as many steps as there are enclaves,
-and two.
+keystore. To read them, begin with `dds_security.als`. It explains the words of DDS, SROS2 and certificates, the
+functions of `keystore.als`, and the order in which to read on. Claims of `keystore-audit.toml` are at the end of
+`audit.als`, `Claim0` and so on. For a claim about flows, an instance is a compartment that nothing leaves. So the claim
+holds if there is an instance (one of "able" is violated). `paths.als`, if present, looks for a shortest path of each.
+`scenarios.als` has words for what is meant to happen. Open it in your own file, say what is wired, and run `can_arrive`
+or check `arrives_fairly`. The steps are the number of enclaves plus two.
 """
 
 _APPLICATION: Final = """\
 `nodes.als` has the nodes and what they are there to do, `application.als` the words for what is wired and what is
-permitted: execute `application_audit.als`. A check without counterexample holds there too.
+permitted. Execute `application_audit.als`. A check without counterexample holds there too.
 """
 
 _ATOMS: Final = """\
-An atom is called by letters for its kind (D domains, T channel of a topic, I instant, K key, C certificate, P document,
-R trust domain, E enclave, DR domain rule, TR topic rule, G grant, PR rule, N node), a number, and a piece of its name.
-A channel stands for all topics that no document tells apart, and is called by one of them: `rt/` begins the DDS name of
-a ROS 2 topic, `rq/` and `rr/` those of a service's requests and replies; "DDS only" says that no name of ROS 2 is
-among them.
+The name of an atom has letters for its kind, a number, and a piece of its name. Kinds are D domains, T channel of a
+topic, I instant, K key, C certificate, P document, R trust domain and E enclave. Also DR domain rule, TR topic rule, G
+grant, PR rule and N node. A channel stands for all topics that no document tells apart, and has the name of one. `rt/`
+begins the DDS name of a ROS 2 topic, `rq/` and `rr/` those of a service's requests and replies. "DDS only" means that
+no ROS 2 name is among them.
 """
 
 _UNNAMED: Final = {"DomainRule": "domain rule", "TopicRule": "topic rule", "Grant": "grant", "Rule": "rule of a grant"}

@@ -1,8 +1,8 @@
 """A `System` as an Alloy module: atoms and constant relations, nothing concluded from them.
 
-The relations are functions without arguments over `one sig` atoms, because these are constants for the translator:
-as fields of sigs, equated in facts, the same keystore costs some hundred times as much (100 enclaves and 200 topics:
-21 to 62 s a command against 0.1 to 0.2 s). The text is deterministic, in the order of the system's indices.
+The relations are functions without arguments over `one sig` atoms: these are constants for the translator. As fields
+of sigs, equated in facts, the same keystore takes some hundred times as long. With 100 enclaves and 200 topics, a
+command then takes 21 to 62 s instead of 0.1 to 0.2 s. The text is deterministic, in the order of the system's indices.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ REFERENCES: Final[Mapping[str, Mapping[str, str]]] = {
     "grants": {"names": "certificates"},
     "rules": dict.fromkeys(("publish", "subscribe", "relay"), "channels"),
 }
-"""By sort: the fields, besides an entry's parent, that name atoms of what `merging` may leave out, and their sort."""
+"""By sort: the fields, apart from an entry's parent, that name atoms which `merging` may leave out, and their sort."""
 
 _BELONGING: Final[Mapping[str, Mapping[str, str]]] = {
     "enclaves": {"trust_domain": "trust_domains"},
@@ -133,9 +133,9 @@ def fact_modules(system: System, lone: Collection[str] = ()) -> dict[str, str]:
     Equal systems have the same files, whatever the instant, or where their documents lie. `lone`: atoms that need not
     be there, of a system of at most SPLIT_ATOMS.
 
-    For each name the Analyzer looks through all sigs that can be seen from where the name stands, and for each sig
-    and function through all sigs of its module. So many atoms stand in modules of their own. Beside each stands one
-    with a function for each atom, and what it opens is private, so that from `keystore` no atom's sig can be seen.
+    For each name the Analyzer looks through all sigs that are visible there. For each sig and function it looks through
+    all sigs of its module. So atoms, if many, are in modules of their own, each with a module of functions for them.
+    These modules open the atoms privately, so that `keystore` sees no atom's sig.
     """
     sorts = name_atoms(system).values()
     if sum(len(sort.atoms) for sort in sorts) <= SPLIT_ATOMS:

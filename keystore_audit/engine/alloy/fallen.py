@@ -1,8 +1,8 @@
 """Which smallest sets of compromised participants let something through, as Alloy (alloy/fallen.als).
 
-The Analyzer is told nothing that is expected. It looks for any set, of no enclave, then of one, and so on; each that it
-finds is ruled out with all that are larger, until there is none. Enclaves that are alike stay apart, whatever else is
-merged: each may be in a set or not.
+The Analyzer is told nothing that is expected. It looks for a set of no enclave, then of one, and so on. Each set found
+is excluded with all larger ones, until none is left. Enclaves that are alike stay apart, whatever else is merged: each
+may be in a set or not.
 """
 
 from __future__ import annotations

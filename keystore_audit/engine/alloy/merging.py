@@ -1,10 +1,10 @@
 """Makes a system smaller that the Alloy Analyzer is asked about, without changing any answer.
 
-Instants on the same side of the audit instant become one; channels about which the rules of every grant say the same,
-in the same order, become one; rules that follow each other and say the same become one; of enclaves that are alike but
-for what is theirs alone, KEPT remain. Why that is sound, property by property, stands in docs/model.md ("Slices and
-merging"). Nothing is decided here: which rule comes first, who is vouched for, who may write is asked of the Analyzer,
-about what remains. What remains are atoms of the keystore, so that a counterexample is one, too.
+Instants on the same side of the audit instant become one. Channels become one where the rules of every grant say the
+same about them, in the same order. Rules that follow each other and say the same become one. Of enclaves that differ
+only in what is theirs alone, KEPT remain. docs/model.md ("Slices and merging") says why this is sound for each
+property. Nothing is decided here: the Analyzer decides about what remains. That consists of atoms of the keystore, so
+a counterexample does as well.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def _few_instants(system: System) -> System:
 
 
 def _spare(system: System, *, twins: bool) -> tuple[dict[str, Collection[int]], dict[int, int]]:
-    """What can be left out, by sort: the channels of which an equal one remains; if there are none, enclaves of which
-    enough alike remain, with what is theirs. By channel that is left out, the one that remains in its place.
+    """What can be left out, by sort: channels of which an equal one remains. If there are none: enclaves of which
+    enough remain, with what is theirs. Also, for each channel left out, the one that replaces it.
     """
     said = mentions(system)
     if said is None:

@@ -48,8 +48,8 @@ LATE_SECOND_COMPILER: Final = (
     "-XX:Tier4CompileThreshold=150000",
     "-XX:Tier4BackEdgeThreshold=400000",
 )
-"""Ten times the JVM's own thresholds. Beyond that size its second compiler still takes nearly half of all processor
-time (20 of 44 s at 500 enclaves); of what runs ten times as often less is compiled by it (22 to 24 s against 26 to 28).
+"""Ten times the JVM's own thresholds. Beyond that size the second compiler still takes nearly half of all processor
+time (20 of 44 s at 500 enclaves). With these it compiles less (22 to 24 s against 26 to 28).
 """
 
 STACK_MB: Final = 64

@@ -1,7 +1,7 @@
 """Whether anything fails in a state of a roll-out, as Alloy: which enclaves carry which files is left free.
 
-The facts are those of all versions of all enclaves. Of each enclave one version is there, and with it what is there
-only because somebody carries it: trust domains, and permissions that OLD has not.
+The facts are those of all versions of all enclaves. One version of each enclave is there. With it comes what exists
+only because an enclave carries it: trust domains, and permissions that OLD does not have.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Whether anything may get through in a network of sessions and routers, as Alloy (alloy/routed.als).
 
-The Analyzer is told the tables alone: processes, their rules, whom these name, who may be linked to whom, which
-expressions meet which classes of keys, and who attacks. What a process lets through, what crosses a link, who passes on
-and where something gets to it decides by itself.
+The Analyzer gets tables alone. They hold processes, their rules, whom these name, possible links, which expressions
+meet which classes of keys, and who attacks. It decides by itself what a process lets through, what crosses a link, who
+passes on, and where data gets to.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ class _Sending(NamedTuple):
 
 
 _Said = dict[Any, tuple[str, Mapping[str, Any]]]
-"""By atom what it is called in comments; by name of a relation what it has, by name of a set whether it is in it."""
+"""By atom its name in comments; by name of a relation its values, by name of a set whether the atom is in it."""
 
 
 class Facts:

@@ -1,9 +1,9 @@
 """Asks the Alloy Analyzer about systems. Whatever is not plainly an answer is an EngineError, never "holds".
 
-Each command costs a translation of the whole model. All facts are constant, so that there is one structure: where a
-command has an instance that asks for many conditions at once, that is it, and each of them is true. So all conditions
-that another engine expects to be true are asked together. Expectations decide what is asked together and nothing else:
-where there is no such instance, each question is asked by a command of its own.
+Each command costs a translation of the whole model. All facts are constant, so there is one structure. An instance of a
+command that asks for many conditions at once is that structure, and each condition is true in it. So all conditions
+that another engine expects to be true are asked together. Expectations decide only what is asked together. Where there
+is no such instance, each question is asked by a command of its own.
 """
 
 from __future__ import annotations
@@ -80,10 +80,10 @@ def examine(
 
     `expected`: what is expected to be so is asked together. `names`: by system, what alone is asked about, at the audit
     instant; None: everything. More questions are about claims at later moments, and what is not as expected.
-    `timeout`: seconds for each question; `memory_mb`: MiB of Java heap of each JVM. All or nothing: raises
-    EngineOutOfScale before anything is started if a system is too large, EngineTimeout, EngineMissing (no Java at
-    `java`) or EngineFailed if one of them was not answered completely. Nothing is left running, or on disk, when the
-    run ends (`kept`).
+    `timeout`: seconds for each question; `memory_mb`: MiB of Java heap of each JVM. All systems are answered, or none.
+    Raises EngineOutOfScale before anything starts if a system is too large. Raises EngineTimeout, EngineMissing (no
+    Java at `java`) or EngineFailed if an answer is incomplete. Nothing is left running, or on disk, when the run ends
+    (`kept`).
     """
     analyzer = Analyzer(java=java, jar=jar, timeout=timeout, memory_mb=memory_mb)
     if names is not None:

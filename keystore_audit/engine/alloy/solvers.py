@@ -1,7 +1,7 @@
 """Who answers questions during a run: JVMs of the Analyzer, and what they answered before.
 
-Whatever goes wrong ends all of them, so that one that misbehaved is never asked again; a question that was answered
-completely is not asked twice.
+Any failure ends all of them, so none that misbehaved is asked again. A question that was answered completely is not
+asked twice.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ PARALLEL: Final = 2
 """JVMs side by side, each using little more than one core, where models are larger than that."""
 
 PARALLEL_ATOMS: Final = 400
-"""Atoms beyond which a second JVM pays by the clock: with 225, two take 4.4 s and one 3.9 s, with 435 they take 5.8
-and 6.2 s (10.4 and 7.6 s of processor time)."""
+"""Atoms beyond which a second JVM saves time. With 225, two take 4.4 s and one 3.9 s. With 435 they take 5.8 and 6.2 s
+(10.4 and 7.6 s of processor time)."""
 
 REMEMBERED: Final = 64
 """Questions whose answers are kept, in files, for who asks the same."""

@@ -1,12 +1,12 @@
-"""Enclaves that are alike but for what is theirs alone: to exchange two of them, with what is theirs, changes no fact.
+"""Enclaves that differ only in what is theirs alone: exchanging two of them, with what is theirs, changes no fact.
 
 *Theirs* are the identity certificate and its key, the permissions document with grants and rules, and the channels that
-belong to one of them. Each enclave gets a signature: all facts in which something of its own occurs, with its own
-things called by their part in it, and everything else by its index. Equal signatures cannot speak of each other's own
-things (each calls its own by a part), so exchanging two such enclaves is an automorphism of the system.
-Which channels count as whose is a guess; a wrong one makes signatures differ that might be equal, nothing else.
-Without this a keystore that `ros2 security` makes of 1,000 enclaves, for one robot after the other, has 8,000 atoms and
-is out of scale; with it, 60.
+belong to one of them. Each enclave has a signature: all facts in which something of its own occurs. It names its own
+things by their part, and everything else by index. So equal signatures cannot speak of each other's own things, and
+exchanging two such enclaves is an automorphism of the system.
+Which channels belong to whom is a guess; a wrong one makes signatures differ that might be equal, nothing else.
+Without this, a keystore of 1,000 enclaves, made by `ros2 security` for one robot after the other, has 8,000 atoms and
+is out of scale. With it, 60.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def _matches(rule: RuleAtom, system: System) -> Iterator[tuple[int, int]]:
 
 
 def surroundings(system: System) -> list[Hashable]:
-    """Return what is known of each channel besides what grants say: domain, rules of governance, places of claims,
-    and of which enclaves their own implementation decides about it otherwise than peers.
+    """Return what is known of each channel apart from grants: domain, governance rules and places of claims. Of
+    enclaves, those whose own implementation decides otherwise about it than peers.
     """
     by_itself: list[list[tuple[int, int]]] = [[] for _ in system.channels]
     for number, enclave in enumerate(system.enclaves):

@@ -1,10 +1,10 @@
 """A user's Alloy file, as far as this program has to understand it (docs/alloy-properties.md).
 
-What the Analyzer is given is the user's text, character for character, so that its complaints have the user's lines.
-Read here are the commands, since a verdict on each must come back, and names that comments give to enclaves and topics.
-Everything else is refused that could make a command say something else than it seems to: facts and sigs, scopes (the
-facts are one structure, all of it), numbers (they overflow in silence), time, and modules that are not known. Control
-characters end the Analyzer's comments, and `/**/` begins a longer one: without them a comment here is one there.
+The Analyzer gets the user's text, character for character, so that its complaints have the user's lines. Read here are
+the commands, since a verdict on each must come back, and names that comments give to enclaves and topics. What could
+make a command say something else than it seems to is refused. That is facts and sigs, scopes (the facts are one
+structure, all of it), numbers (they overflow in silence), time, and unknown modules. Control characters end the
+Analyzer's comments, and `/**/` begins a longer one: without them both sides see the same comments.
 """
 
 from __future__ import annotations
@@ -316,8 +316,8 @@ def read_user_files(
 ) -> tuple[UserFile, ...]:
     """Return what the files say, beside the `claims` of settings.
 
-    Raises errors.UsageError for a file that is none, for one that lies in one of the `keystores`, whose maker would
-    then say what is asked, and where two properties have one id.
+    Raises errors.UsageError for a file that is not readable as one, and where two properties have one id. So it does
+    for a file in one of the `keystores`: their maker could then choose what is asked.
     """
     for path in paths:
         check_beside(path, keystores)

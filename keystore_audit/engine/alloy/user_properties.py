@@ -1,8 +1,8 @@
 """Users' own Alloy files, asked of every system, in a JVM that is asked nothing else: none can change our properties.
 
-A file is the main file of its run; beside it stand the modules, the facts, and the module `keystore_audit` with the
-names that it gives to enclaves and topics. The facts are constants: nothing that a file says can make them different,
-and what contradicts them leaves the run `CONSISTENT` without an instance, and everything undecided.
+A file is the main file of its run. Beside it are the modules, the facts, and the module `keystore_audit` with its names
+for enclaves and topics. The facts are constants, so no file can change them. A file that contradicts them leaves the
+run `CONSISTENT` without an instance, and everything undecided.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """What is odd about the rules of a keystore's documents, each as the chosen implementations read it.
 
-Rules that never fire, that change nothing, or whose order decides (`anomalies.rules`); expressions that no name matches
-(`anomalies.expressions`); topics that nobody is at the other end of (`anomalies.counterparts`); rules of the governance
-that apply to nothing (`anomalies.governance`). Compared are the rules as peers take them, which is where rights come
-from; of what else an implementation asks of its own endpoints, whether a rule without effect on peers has one there.
+`anomalies.rules`: rules that never fire, that change nothing, or whose order decides. `anomalies.expressions`:
+expressions that no name matches. `anomalies.counterparts`: topics with nobody at the other end. `anomalies.governance`:
+governance rules that apply to nothing. Compared are the rules as peers take them, since rights come from these. Of an
+implementation's further checks on its own endpoints, only this counts: whether a rule without effect on peers has one.
 """
 
 from __future__ import annotations

@@ -250,8 +250,8 @@ def ungoverned_rules(grant: ReadGrant, governed: int) -> Iterator[Anomaly]:
 def expression_anomalies(grant: ReadGrant, matchers: Sequence[Matcher], effort: Effort) -> Iterator[Anomaly]:
     """Expressions without a name, and without one that ROS 2 produces. Raises errors.BudgetExceeded.
 
-    A grant in which no expression is of ROS 2, ros_discovery_info among them, is one of a plain DDS application:
-    nothing is said of its names.
+    A grant without any expression of ROS 2 (ros_discovery_info is one) is of a plain DDS application: nothing is said
+    of its names.
     """
     texts = dict.fromkeys(text for rule in grant.rules for text in rule.texts())
     if are_ros_names(texts):

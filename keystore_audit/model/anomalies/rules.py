@@ -1,8 +1,8 @@
 """Rules of one grant that decide nothing, change nothing, or whose order decides.
 
 The anomalies that Al-Shaer and Hamed found among firewall rules (Discovery of policy anomalies in distributed
-firewalls, 2004), here exact over operations, domains, topics and partitions. Domains and partitions in which nothing is
-allowed anyway, by no rule and no default, do not count.
+firewalls, 2004). They are exact here over operations, domains, topics and partitions. Domains and partitions in which
+nothing is allowed anyway, by no rule and no default, do not count.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _EVERY_DOMAIN: Final = (2 << MAX_DOMAIN) - 1
 
 
 class Own(NamedTuple):
-    """Where the first rule that lists a topic decides about an implementation's own endpoints, whatever it says of
-    peers: `everywhere`: in other domains, too; `any_operation`: for whatever operation, in whatever partition.
+    """Where the first rule that lists a topic decides about own endpoints, whatever it says of peers. `everywhere`: in
+    other domains, too. `any_operation`: for whatever operation, in whatever partition.
     """
 
     everywhere: bool = False

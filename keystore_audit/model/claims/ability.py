@@ -70,9 +70,9 @@ def pairs(
 def unusable(
     system: System, channels: Channels, keystore: Keystore, usabilities: Usabilities, profiles: Sequence[Profile]
 ) -> frozenset[int]:
-    """The channels of other domains than the one that the robots use, if it is said, and of other partitions than the
-    default one, those whose name some implementation of the system has for no topic, and those of domains in which an
-    enclave does not start although it does elsewhere.
+    """The channels that robots do not use: of other partitions than the default one, and of other domains if one is
+    given. Also those whose name is no topic's under some implementation of the system. Also those of domains in which
+    an enclave does not start although it does elsewhere.
 
     `usabilities`: who starts, in that domain.
     """
@@ -139,7 +139,7 @@ def starts_alone(
     profiles: Sequence[Profile],
 ) -> frozenset[tuple[int, int]]:
     """Those of `enclaves`, each with a domain class in which its own implementation starts it although peers do not let
-    it in, at the audit instant or any later one up to `until`.
+    it in. It does so at the audit instant or any later one up to `until`.
 
     Fast DDS wants some allow rule, of any domain; Cyclone DDS lets a participant start wherever some topic has no
     access control (docs/profiles.md). Two such participants refuse each other, unless one of them attacks.
@@ -242,8 +242,8 @@ def _among(system: System, paths: Collection[str]) -> frozenset[int]:
 def talks(enclave: Enclave, row: Local) -> bool:
     """Whether it can prove who it is once it has started.
 
-    Cyclone DDS starts with a private key that is not the certificate's, Fast DDS with one of a kind that makes no
-    signature of a digest, and they complete no handshake (measured). Nor does whoever has more to send than fits.
+    Cyclone DDS starts with a private key that is not the certificate's. Fast DDS starts with one of a kind that signs
+    no digest. Neither completes a handshake (measured). Nor does whoever has more to send than fits.
     """
     first = enclave.identity
     key = enclave.key.key if enclave.key is not None else None

@@ -1,4 +1,4 @@
-"""What settings name besides claims: places, forwards, publishers, and subjects that nobody here has."""
+"""What settings name apart from claims: places, forwards, publishers, and subjects that nobody here has."""
 
 from __future__ import annotations
 
@@ -105,8 +105,8 @@ UNREAD_IDENTITY = "somebody whom a document names that could not be read"
 def with_subjects_elsewhere(systems: Iterable[System]) -> tuple[System, ...]:
     """The systems, each with a certificate for every subject that its grants name and that is no enclave's here.
 
-    That an enclave has it counts where its peers take the enclave for whom it says: where they refuse its own
-    certificate somebody else may have one that they take.
+    An enclave has a subject only where its peers accept its certificate. Where they refuse it, somebody else may have
+    one that they accept.
     """
     known: dict[object, tuple[GrantAtom, ...]] = {}
     return tuple(_with_subjects(system, known) for system in systems)
@@ -246,8 +246,8 @@ def _with_theirs(system: System, enclaves: frozenset[int], unread: Iterable[Part
 def _some_writer(system: System, channels: frozenset[int]) -> frozenset[int]:
     """One enclave that may write one of the channels at the audit instant, none where nobody may.
 
-    One that could be read is taken rather than one that may be anybody, and none that is no enclave's identity; one
-    whose subject alone may, elsewhere, where there is no other. That nobody else writes there is not said.
+    Only identities of enclaves count, and readable ones come first. Else it is one whose subject may write there
+    elsewhere. This does not say that nobody else writes there.
     """
     asked = bits(channels)
     views = trust_domain_views(system)

@@ -1,7 +1,7 @@
 """Labels on enclaves and topics, and where what is labelled may go: one lattice (docs/model.md, Labels).
 
-Nothing here decides anything. Labels become claims that there is no flow from what has one label to what has another,
-for every two labels between which the lattice lets nothing through; the engines decide those like any other claim.
+Nothing here decides anything. For every two labels between which the lattice lets nothing through, there is a claim
+that nothing flows from the one to the other. The engines decide those like any other claim.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class Claim(Struct, frozen=True, kw_only=True):
     """A property that a user asserts, or a question about a flow.
 
     `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
-    `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE`,
-    empty for a question of the command line; `marks`: where its globs stand, if known. `labels`: where labels make it.
+    `location`: where it stands, `beside` the keystore. `place`: the same for people, `FILE:LINE`, empty for a question
+    of the command line. `marks`: where its globs stand, if known. `labels`: where labels make it.
     `source` may be empty for ONLY_PUBLISH alone: one enclave may publish then, whichever it is.
     """
 
@@ -116,8 +116,8 @@ MAX_CLAIMS: Final = 400
 Lattice = Mapping[str, frozenset[str]]
 """Labels, and by label the labels of what it may flow to, itself among them: a partial order.
 
-Every partial order lies in a lattice in which its own labels stand as they did (its completion by cuts), so that none
-has to be filled up by hand: data of two labels counts as having both.
+Every partial order lies in a lattice in which its own labels keep their order (its completion by cuts). So none has to
+be filled up by hand: data of two labels counts as having both.
 """
 
 

@@ -1,8 +1,8 @@
 """What the enclaves' own permissions give, before and after: first match, default, domains and partitions.
 
-Peers take whatever document is presented to them. Whoever keeps an old document presents it (measured on Fast DDS 2.9.1
-and Cyclone DDS 0.10.2), and whoever keeps an old identity is let in as before. So what is lost is asked of NEW's peers
-once more, with those files beside them.
+Peers take whatever document is presented to them. An enclave can keep and present an old document (measured on Fast DDS
+2.9.1 and Cyclone DDS 0.10.2). With an old identity it is let in as before. So what is lost is asked of NEW's peers
+again, with those files added.
 """
 
 from __future__ import annotations
@@ -276,8 +276,8 @@ def _written(view: View, grant: int, operation: str, rule: RuleAtom | None, chan
 
 
 def later_changes(sides: Sides, told: frozenset[str]) -> Iterator[Draft]:
-    """Rights that begin later: of grants whose dates have not begun at the instant, and of those that come up when one
-    before them ends, where grants out of date are passed over. One draft for all enclaves where they changed alike.
+    """Rights that begin later: of grants whose dates have not begun. Where grants out of date are passed over, also of
+    those after a grant that ends. One draft for all enclaves where they changed alike.
 
     It is a gain where such a grant gives what none did before, now or later: what begins tomorrow is signed today.
     `told`: enclaves of which it is said that their grant has other dates.

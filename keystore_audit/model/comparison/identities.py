@@ -1,5 +1,5 @@
-"""Identities beside those of the enclaves: in files of no enclave, further certificates of an enclave's key; and keys
-that more than one has: in enclaves' key files, of several identities, and those that anybody can have.
+"""Identities beside those of the enclaves: in files of no enclave, further certificates of an enclave's key. Keys that
+several have: in enclaves' key files, of several identities, and keys that anybody can have.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from keystore_audit.text import some
 _Period = tuple[datetime, datetime]
 
 _Name = tuple[str, ...]
-"""Key, subject and issuer (of identities that are no enclave's, the subject and the key alone); and which certificate,
-where they are too many to ask who takes each."""
+"""Key, subject and issuer of an identity; subject and key alone if it is no enclave's. Also which certificate, where
+they are too many to ask who takes each."""
 
 MAX_PAIRS: Final = 1_000_000
 """Certificates and enclaves that may take them; beyond it every other certificate is another one."""
@@ -125,8 +125,8 @@ def _note(
 
 
 def identities_let_in(sides: Sides) -> Iterator[Draft]:
-    """Identities of no enclave that peers let in and whose private keys are there (KA668), in one keystore alone; or
-    that other peers let in, or from or until another time.
+    """Identities of no enclave that peers let in, and whose private keys are there (KA668), in only one keystore. Also
+    those that other peers let in, or from or until another time.
 
     A change of the keystore as a whole: what it may do is what grants give its subject.
     """

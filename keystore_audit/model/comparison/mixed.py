@@ -28,8 +28,8 @@ _IDENTITIES: Final = ("found", "copies", "keyless", "locked", "unread")
 class RollOut:
     """The way from OLD to NEW. Places in OLD begin with `BEFORE`.
 
-    `changing`: the paths of enclaves whose files differ, in order; of one that only one side has, the other version is
-    that it is not there. `governances_differ`: some enclave gets one that says other things. `added`: the places of
+    `changing`: the paths of enclaves whose files differ, in order. If only one side has the enclave, its other version
+    is that it is not there. `governances_differ`: some enclave gets one that says other things. `added`: the places of
     documents that OLD has not. `leaves_identities`: somebody keeps one that no enclave has any more.
     """
 
@@ -75,8 +75,8 @@ class RollOut:
         """That of these versions and of all enclaves that do not change, with what attackers hold by then.
 
         Of an enclave there may be both versions, or none: no such keystore is on the way, but it holds more, or less.
-        Attackers hold every document of OLD, those of NEW that some enclave carries, what lies beside the enclaves of
-        OLD, and of NEW once anything of it is in use, and the identities of enclaves that are gone or have other names.
+        Attackers hold every document of OLD, those of NEW that some enclave carries, and identities that enclaves no
+        longer have. They hold what lies beside the enclaves of OLD, and of NEW once anything of NEW is in use.
         Where an enclave could not be read at all, OLD or NEW is not decided.
         """
         enclaves = [*self._same, *(each for version in sorted(versions) for each in self._versions[version])]

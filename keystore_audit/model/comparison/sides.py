@@ -126,8 +126,8 @@ class View(Peers):
         return self.permissions.chosen(self.enclave(path).identity, self.taken)
 
     def made(self, enclave: int, operation: Operation) -> int:
-        """The channels on which its own implementation makes a writer (PUBLISH) or a reader of the enclave, or in which
-        one that it makes is met.
+        """The channels on which its own implementation makes a writer (PUBLISH) or a reader of the enclave, or on
+        which such an endpoint is met.
         """
         atom = self.system.enclaves[enclave]
         alone = atom.writes_alone if operation is Operation.PUBLISH else atom.reads_alone
@@ -260,8 +260,8 @@ class Sides:
         return [path for path in self.common if path not in self._doubtful]
 
     def letting_in(self, path: str) -> Iterator[tuple[Pair, frozenset[str], frozenset[str]]]:
-        """By pair, the enclaves of both keystores that took the enclave for who it says it is in the old one alone, and
-        in the new one alone.
+        """By pair, the enclaves of both keystores that accept the identity only in the old one, and only in the new
+        one.
         """
         for place, pair in enumerate(self.pairs):
             key = place, pair.old.letting_in(path), pair.new.letting_in(path)

@@ -210,8 +210,8 @@ def _identity_facts(one: Certificate, other: Certificate) -> Iterator[Draft]:
 
 
 def _issuer_facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Draft]:
-    """Whether another authority of the same CA file issued the identity, or none of them; and whether other enclaves
-    let it in for that: whoever attacks asks nobody whether its own files do.
+    """Whether another authority of the same CA file issued the identity, or none of them. Also whether other enclaves
+    let it in for that: an attacker's own files do not matter.
     """
     issuers = [
         [c for c in enclave.trusts(Role.IDENTITY_CA) if enclave.identity and may_have_issued(c, enclave.identity)]

@@ -1,9 +1,9 @@
 """Where implementations decide differently about one keystore, and which line of which document is why.
 
 Compared are decisions (`model.decision`, with whether a participant starts there), what peers accept
-(`model.formal.rights`) and whether an enclave starts at all, over every class of names, partitions and domains.
-Whom an implementation trusts is left aside (`divergence.substitution`): that has rules of its own. So is what is
-unknown to one of the two: it leaves the audit incomplete.
+(`model.formal.rights`) and whether an enclave starts at all. They are compared over every class of names, partitions
+and domains. Whom an implementation trusts is left aside (`divergence.substitution`): that has rules of its own. So is
+what is unknown to one of the two: it leaves the audit incomplete.
 """
 
 from __future__ import annotations

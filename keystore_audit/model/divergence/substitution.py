@@ -1,7 +1,7 @@
 """From what one implementation does to what the specification says, one difference at a time.
 
-Where two implementations decide differently, the cause is the difference whose removal makes the decision that of the
-specification: implementations are compared with themselves, cured of one peculiarity after another. Whom they trust is
+Where two implementations decide differently, the cause is the difference whose removal gives the specification's
+decision. So an implementation is compared with itself, without one peculiarity after another. Whom they trust is
 left aside: it is that of the specification throughout.
 """
 
@@ -24,7 +24,7 @@ from keystore_audit.profiles import QUIRKS, SPEC, Access, JoinCheck, Profile, ch
 from keystore_audit.profiles.table import GROUP, value_of
 
 NO_DECISION: Final = "no decision"
-"""The column `cause` of quirks.toml where no decision about documents hangs on a peculiarity."""
+"""The column `cause` of quirks.toml where no decision about documents depends on a peculiarity."""
 
 
 class Cause(str, Enum):

@@ -186,8 +186,8 @@ class ClaimAtom(Struct, frozen=True, kw_only=True):
     `left_out`: ambient channels that no flow takes. `until`: the last instant (index) at which it must hold, None: now
     alone. `location`: where the user wrote it. `starts`: (separate-domains) enclaves with domains in which their own
     implementation starts them, where some peers do not let them in. `names`: by channel of its places that stands for
-    several names, in order, what these are. `pairs`: (able) from which place data must get to which, each of these; one
-    with nothing in it is an enclave that could not be read. Empty: from some of `source` to some of `target`.
+    several names, in order, what these are. `pairs`: (able) data must get from the first place of each to the second. A
+    place with nothing in it is an unread enclave. Empty: from some of `source` to some of `target`.
     `stopping`: (able) those of `through` that start at the audit instant, and not at each until the last.
     """
 

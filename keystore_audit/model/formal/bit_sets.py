@@ -76,12 +76,12 @@ class Abilities(Struct, frozen=True, kw_only=True):
 
     `may_write`: peers take its samples as those of a permitted writer. `may_read`: peers give it their samples and
     keys. `may_relay`: peers give it the keys of their submessages. `overhears`: it reads the payload with the keys of
-    any participant, or of a relay. `forges`: it holds every key that a writer's samples are authenticated with
-    (DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the metadata kind
-    authenticates the origin; that of messages does not, see docs/model.md).
-    `unannounced`: peers ask it for no permissions there as long as it does not announce its endpoints as they are; it
-    is in `overhears` and `forges`. `writes_at_all`, `reads_at_all`: with those of its endpoints, if it is a member,
-    that honest peers refuse: they are there all the same.
+    any participant, or of a relay. `forges`: it holds every key that authenticates a writer's samples. The keys are
+    symmetric (DDS-Security 1.1, 9.5.3.3): whoever can check can forge, unless the metadata kind authenticates the
+    origin. Origin authentication of messages does not prevent it (docs/model.md).
+    `unannounced`: peers ask it for no permissions there unless it announces its endpoints truthfully. It is in
+    `overhears` and `forges`. `writes_at_all`, `reads_at_all`: with those endpoints that honest peers refuse, if it is a
+    member: they exist all the same.
     """
 
     may_write: int

@@ -1,9 +1,8 @@
 """Information flow: whether, and how, what starts at one place may arrive at another (docs/model.md).
 
 Breadth-first search from participants over sets of channels and back, never over pairs of enclaves. A *lane* is one
-way in which hops are possible: participant e hands a sample of channel c to another, f, where c is in what e puts into
-the lane and in what f gets out of it. Sets of channels are bit sets; the outsider is the participant after the last
-enclave.
+way of hops: participant e hands a sample of channel c to another, f. For this e must put c into the lane, and f must
+get c out of it. Sets of channels are bit sets; the outsider is the participant after the last enclave.
 """
 
 from __future__ import annotations

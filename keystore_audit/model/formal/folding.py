@@ -13,8 +13,8 @@ from keystore_audit.model.formal.system import System
 def apart(systems: Iterable[System]) -> tuple[System, ...]:
     """Each system as many times as it has profiles, for one of them each time.
 
-    Implementations that read a keystore alike may differ in what claims rest on: which enclaves start, what topics can
-    be called, whom a grant names that is not here. What is true of one of them must not be told of the others.
+    Implementations that read a keystore alike may still differ for claims. They may differ in which enclaves start,
+    which topics can exist, and which subjects elsewhere a grant names. So no answer may pass from one to the others.
     """
     return tuple(replace(system, profiles=(name,)) for system in systems for name in system.profiles)
 

@@ -1,7 +1,7 @@
 """Who can reach whom: all pairs of participants at once, where `flow` answers about two places (docs/model.md).
 
-Sets of participants are bit sets, so that a search takes whole sets of them in one step and every participant is left
-once: ten thousand that all reach each other cost no more than ten thousand that reach nobody.
+Sets of participants are bit sets, so a search takes whole sets in one step and leaves every participant once. Ten
+thousand that all reach each other cost no more than ten thousand that reach nobody.
 """
 
 from __future__ import annotations

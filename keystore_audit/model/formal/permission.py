@@ -121,10 +121,10 @@ class Permissions:
 
     @cached_property
     def _chosen(self) -> dict[int, list[tuple[int, int]]]:
-        """By certificate.
+        """By certificate, pairs (document, grant).
 
-        (document, grant) for each document whose first grant in force that names it is the grant; where grants out of
-        date are not skipped, whose first grant that names it is the grant and in force.
+        The grant is the first in force of the document that names the certificate. Where grants out of date are not
+        skipped, it is the first that names it, and in force.
         """
         chosen: dict[int, list[tuple[int, int]]] = {}
         seen: set[tuple[int, int]] = set()

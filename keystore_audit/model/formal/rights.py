@@ -1,7 +1,7 @@
 """What peers accept from an enclave: the most that any peer in the keystore concedes (design section 3, effective).
 
-Neither the enclave's own checks count, which a compromised enclave skips, nor the document that it holds: a peer takes
-any validly signed document whose grant names the presenter.
+The enclave's own checks do not count, since a compromised enclave skips them. Nor does the document that it holds: a
+peer takes any validly signed document whose grant names the presenter.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Peers:
     def accepted(self, path: str, operation: Operation) -> int:
         """The channels on which some trust domain accepts the operation; none of an enclave that is left out.
 
-        In a mixed fleet that of the enclave does not count if nobody else is of it: who runs what is declared, and no
-        peer judges as it does. Elsewhere it stands for the peers that a keystore of one enclave does not have.
+        In a mixed fleet the enclave's own trust domain counts only if others are in it. Who runs what is declared, and
+        no peer judges as it does. Elsewhere it stands for the peers that a keystore of one enclave does not have.
         """
         key = (path, operation)
         if key not in self._accepted:

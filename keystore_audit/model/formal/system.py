@@ -1,8 +1,8 @@
 """The normalised system that both engines are asked about.
 
-A `System` states facts, not answers: certificates with issuers, keys and dates, documents with signers,
-ordered rules with the domains and channels they name, governance rules with their flags. Who is authentic,
-which grant and which rule decides, who can read or forge, each engine works out on its own (docs/model.md).
+A `System` states facts, not answers. It has certificates with issuers, keys and dates, documents with signers,
+ordered rules with their domains and channels, and governance rules with their flags. Who is authentic, which grant and
+which rule decides, who can read or forge: each engine works that out on its own (docs/model.md).
 
 Everything is an atom with an index into its tuple; a reference to another atom is that index. The order of
 rules (grants, domain rules, topic rules) within their parent is the order of their indices.
@@ -84,16 +84,15 @@ class DocumentAtom(Struct, frozen=True, kw_only=True):
 
 
 class TrustDomainAtom(Struct, frozen=True, kw_only=True):
-    """Enclaves that trust alike: same identity CAs, permissions CAs and revocations, governances that say the same, and
-    implementations of one `reading`, which take documents of this reading alone.
+    """Enclaves that trust alike: same identity CAs, permissions CAs and revocations, and governances that say the same.
+    Their implementations are of one `reading`, and take documents of this reading alone.
 
-    A peer's verdict depends on its trust domain only. `identity_ca`, `permissions_ca`: the certificates of those
-    files; `governance`: the document of the first of them, None where it is missing or (MUST) unreadable; `revoked`:
-    certificates on its CRL; `revoked_later`: the same from moments on (`permission.Permissions`) at which another one
-    of several lists counts, ascending; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be
-    revoked. `told`: what members tell peers of their permissions CA, if they and their peers compare that: trust
-    domains whose members tell different things refuse each other, unless one tells what the other wants to hear. None:
-    unknown.
+    A peer's verdict depends on its trust domain only. `identity_ca`, `permissions_ca`: the certificates of those files.
+    `governance`: the document of the first of them, None where it is missing or (MUST) unreadable. `revoked`:
+    certificates on its CRL. `revoked_later`: the same from later moments (`permission.Permissions`) at which another
+    list counts, ascending. `list_unread`: (MAY only) its list is unknown, so anybody may be revoked.
+    `told`: what members tell peers of their permissions CA, if both sides compare that; None: unknown. Trust domains
+    with different values refuse each other, unless one tells what the other expects.
     `refuses`: certificates that members refuse although an identity CA vouches for them; for claims of ability alone.
     `refuses_later`: from moments on at which these are others.
     """
@@ -273,9 +272,9 @@ class GrantAtom(Struct, frozen=True, kw_only=True):
 class RuleAtom(Struct, frozen=True, kw_only=True):
     """An `<allow_rule>` or `<deny_rule>` of `grant`.
 
-    `domains`: the classes its ids cover. `publish`, `subscribe`, `relay`: channels whose topic and partition
-    one of its criteria matches, in any domain class: a rule applies to a channel only where `domains` holds
-    the channel's domain as well. `source`: as it is written.
+    `domains`: the classes its ids cover. `publish`, `subscribe`, `relay`: channels, in any domain class, whose topic
+    and partition one of its criteria matches. A rule applies to a channel only if `domains` holds the channel's domain.
+    `source`: as it is written.
     """
 
     grant: int
@@ -311,12 +310,12 @@ class System(Struct, frozen=True, kw_only=True):
     """One keystore as a fleet reads it, at one instant, in one of two readings: MAY and MUST.
 
     `may`: what could not be read may do, grant and open anything; else it does, grants and opens nothing, and is left
-    out: `left_out` are enclaves of which it is unknown who they are or whom they trust, of no trust domain.
+    out. `left_out`: enclaves without a trust domain, whose identity or trust is unknown.
     `profiles`: the variants that read it so (all facts equal). `readings`: one, unless some enclaves run one of
     `others` (variants) instead. `instants`: sorted; `now`: index of the audit instant among them.
-    `meets`: by channel, the others in which an endpoint that is allowed in it is met too, because its partition may be
-    a pattern; empty where no channel meets another. `assumed`: what is taken for granted; in MUST, whatever nobody can
-    see (`assumptions.WORLD`) is.
+    `meets`: by channel, the others whose endpoints meet one allowed in it, because its partition may be a pattern.
+    Empty where no channel meets another. `assumed`: what is taken for granted; in MUST, whatever nobody can see
+    (`assumptions.WORLD`) is.
     """
 
     profiles: tuple[str, ...]

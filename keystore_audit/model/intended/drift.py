@@ -1,7 +1,7 @@
 """Drift: what a policy grants and what the signed permissions grant, compared by meaning and both ways.
 
-Compared are rule lists: that of the grant which sros2 would write (`policy_grant`) and that of the grant which the
-enclave's implementation takes, and of any other that a peer may take for the enclave's. Governance is left aside: where
+Compared are rule lists: the grant which sros2 would write (`policy_grant`), and the grant which the enclave's
+implementation takes. So is any other that a peer may take for the enclave's. Governance is left aside: where
 it has access control off, and what it does not cover, are findings of their own. Names, partitions and domains are
 compared in classes, exactly; `ros_discovery_info` is never drift, since DDS needs it and Zenoh has none.
 """

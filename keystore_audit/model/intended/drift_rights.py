@@ -230,8 +230,8 @@ class Comparison:
     def _domains(self, kind: _Kind, governance: GovernanceFile | None) -> tuple[Interval, ...]:
         """Where it is compared: the domain that was asked for, or where the grant has rules and there is a governance.
 
-        Where the two have none in common, and where one of them has none, is another rule's finding: then where the
-        grant has rules, or else where there is a governance.
+        Another rule reports that the two have none in common, or that one has none. Then it is where the grant has
+        rules, or else where there is a governance.
         """
         if self._domain is not None:
             return ((self._domain, self._domain),)

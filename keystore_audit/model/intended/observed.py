@@ -1,7 +1,7 @@
 """The system as it is or will be, held against what its enclaves are granted.
 
-What nodes need (`observed_needs`) is compared with what the enclaves' own implementations let them do: a right that is
-needed and denied keeps a node from starting, one that is granted and never used is more than it needs.
+What nodes need (`observed_needs`) is compared with what the enclaves' own implementations let them do. A node does not
+start without a right that it needs. A right that is granted and never used is more than it needs.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ class GrantedName(Struct, frozen=True, kw_only=True):
 class ExcessGrant(Struct, frozen=True, kw_only=True):
     """What an enclave is granted and no node of it was seen to use.
 
-    `names`: those it lists. `wide`: one of those that an expression or a default allows besides, if there are such;
-    `endless`: of infinitely many. `used`, `allowed`: how many of the names known it uses and may use, usual ones left
+    `names`: those it lists. `wide`: one more that an expression or a default allows, if there is one; `endless`: of
+    infinitely many. `used`, `allowed`: how many of the names known it uses and may use, usual ones left
     out. `profiles`: that allow any of it. `launched`: launch files alone tell of its nodes.
     """
 

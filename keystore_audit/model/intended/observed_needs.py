@@ -1,7 +1,7 @@
 """What nodes need, as graphs and launch files tell it: DDS operations on DDS topics, for each enclave.
 
-Every ROS 2 node also uses names that no launch file mentions: its log, its parameters, and the topic on which its
-participant tells what it has. They are the usual ones here.
+Every ROS 2 node also uses names that no launch file mentions. They are for its log, its parameters, and what its
+participant tells of itself. They are the usual ones here.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ DISCOVERY: Final[tuple[Use, ...]] = (
     (Operation.PUBLISH, DISCOVERY_TOPIC),
     (Operation.SUBSCRIBE, DISCOVERY_TOPIC),
 )
-"""What every participant of a DDS middleware needs (rmw_dds_common), or no process of ROS 2 makes one (measured, Foxy
-and later); sros2 grants it without being told."""
+"""What every participant of a DDS middleware needs (rmw_dds_common). Without it no process of ROS 2 makes one
+(measured, Foxy and later); sros2 grants it without being told."""
 
 _NO_ENCLAVES: Final = frozenset({LayoutKind.FLAT, LayoutKind.ARDENT})
 """Layouts of distributions in which a node's folder has the node's own name."""
@@ -194,7 +194,7 @@ def usual_channels(nodes: Iterable[str]) -> Iterator[Use]:
 
 
 UNNAMED: Final = "/node"
-"""The node of a right that no file gives a node to; names are absolute, so that nothing hangs on it."""
+"""The node of a right that no file gives a node to; names are absolute, so nothing depends on it."""
 
 Usages = Callable[[str, str], tuple[Action, ...]]
 """What the enclave (its path) is granted to do with a ROS name, which no launch file tells."""

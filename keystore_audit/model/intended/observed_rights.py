@@ -41,7 +41,7 @@ from keystore_audit.truth import Truth
 class JointRuling(Struct, frozen=True, kw_only=True):
     """What one kind of implementation says to channels all of which are needed.
 
-    `ruling`: YES in every domain in which it starts, NO in one of them, UNKNOWN where that it starts cannot be told;
+    `ruling`: YES in every domain in which it starts, NO in one of them. UNKNOWN where it is unknown whether it starts;
     None where it starts in none.
     `domains`: where it denies, in words, "" for everywhere; `location`: the line that decides. `explain`: why, a
     sentence without its full stop, which goes through all that the grant lists.
@@ -54,7 +54,7 @@ class JointRuling(Struct, frozen=True, kw_only=True):
 
 
 class Beyond(NamedTuple):
-    """A name in a partition, and the line that allows it; `endless`: infinitely many more besides."""
+    """A name in a partition, and the line that allows it; `endless`: one of infinitely many."""
 
     point: Point
     location: Location
@@ -128,7 +128,7 @@ class PointRights:
 
     def beyond(self, profile: Profile, operation: Operation, known: Container[Point]) -> Beyond | None:
         """A name, in a partition, that is none of the `known` ones, and that the grant allows by an expression or by
-        default in some domain in which the enclave starts: if it can be, one of infinitely many.
+        default. It does so in some domain in which the enclave starts. If possible, the name is one of infinitely many.
 
         Raises errors.BudgetExceeded where the classes of its expressions are too many.
         """

@@ -155,8 +155,8 @@ _ROS_TOKENS: Final = (
 class Universe(Struct, frozen=True, kw_only=True):
     """A set of names. State 0 is where every name begins, `accepting` where one may end.
 
-    `moves[state]`: the next state by character class, DEAD or not, and that of every other class in `classes`;
-    characters of a class that is not in `classes` are in no name. `classes`: in order of number.
+    `moves[state]`: the next state by character class, DEAD or not, and that of every other class in `classes`. No name
+    has characters of other classes. `classes`: in order of number.
     """
 
     classes: Collection[int]

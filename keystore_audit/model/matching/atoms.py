@@ -1,9 +1,9 @@
 """Topic classes: the coarsest partition of all names on which every expression is constant, with a witness of each.
 
 These are the atomic predicates of Yang and Lam (Real-time verification of network properties using atomic predicates,
-2013), over regular languages: any decision that depends on a name only through which expressions match it is constant
-on a class, so that one evaluation per class is exact for all names. Expressions without wildcards are a class each;
-those with wildcards run in one lazy automaton, searched breadth first for the shortest name of every set of them.
+2013), over regular languages. A decision that depends on a name only through which expressions match it is constant on
+a class. So one evaluation per class is exact for all names. Each expression without wildcards is a class. Those with
+wildcards run in one lazy automaton, searched breadth first for the shortest name of every set of them.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def residual_names(
 ) -> dict[frozenset[int], str]:
     """Return the shortest names that are none of `literals`; with `wanted`, for those sets alone.
 
-    `literals`: names, with what matches each. A set whose shortest name is a literal may hold nothing else, so it is
-    searched again with the literals of these sets, and only those, left out.
+    `literals`: names, with what matches each. A set whose shortest name is a literal may hold nothing else. So it is
+    searched again without the literals of such sets.
     """
     names = shortest_names(automaton, universe, budget, wanted=wanted)
     taken = {accepted for accepted, name in names.items() if name in literals}
@@ -187,12 +187,12 @@ class _Avoided:
 DEFAULT_BUDGET: Final = 40_000
 _STATES_PER_DOCUMENT: Final = 200
 _MOST_STATES: Final = 100_000
-"""States of the automaton: about 90 MB and two seconds at most, so that a hostile document stays within 200 MB; of a
-keystore of many documents up to 180 MB and five seconds. Where that is not enough, some ten are built to see which
-documents are too many (`AccessViews.within_budget`): of 300 such robots 55 s and 480 MB in all, measured.
+"""States of the automaton. They take at most about 90 MB and two seconds, so a hostile document stays within 200 MB. A
+keystore of many documents takes up to 180 MB and five seconds. Where the limit is exceeded, some ten automata are built
+to find the documents that are too many (`AccessViews.within_budget`). 300 such robots took 55 s and 480 MB (measured).
 
-Only texts between two stars multiply states. What `ros2 security` writes needs some hundreds, 10,000 namespaces with
-`rt/…/*` each 32,500, 200 robots with `rt/NAME/*` and `rt/*/NAME` each 50,000, since every two of them have names in
+Only texts between two stars multiply states. What `ros2 security` writes needs some hundreds. 10,000 namespaces, each
+with `rt/…/*`, need 32,500. 200 robots, each with `rt/NAME/*` and `rt/*/NAME`, need 50,000: every two have names in
 common. Beyond it the answer is "unknown", never a sample."""
 
 

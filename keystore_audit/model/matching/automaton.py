@@ -2,11 +2,11 @@
 
 The expressions share their beginnings in one tree of tokens, a nondeterministic automaton in which `*` is a node that
 leads to itself. Behind a SEARCH nothing is shared: its nodes lead back to the first of them on every character that is
-not the next one. The subset construction is lazy, and its rows are sparse: a state names the character classes that
-lead elsewhere than all others, so neither 1,114,111 characters nor 256 bytes are ever enumerated.
+not the next one. The subset construction is lazy, and its rows are sparse. A state names only the character classes
+that lead elsewhere than all others, so neither 1,114,111 characters nor 256 bytes are ever listed.
 
-The nodes of `*` are special in that a state never loses one. So a state is a pair of the stars that it has passed and
-the few other nodes it stands at, and what the stars contribute is worked out once for all states that share them.
+A state never loses a node of `*`. So a state is the set of stars it has passed and the few other nodes it stands at.
+What the stars contribute is computed once for all states that share them.
 """
 
 from __future__ import annotations

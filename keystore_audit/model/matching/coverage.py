@@ -26,8 +26,8 @@ _PROBES: Final = {
 
 MAX_PARSED: Final = 64
 MAX_CANDIDATES: Final = 16
-"""Expressions of one grant and operation that are looked at, and that are decided over all names, the shortest first:
-deciding takes some milliseconds, and what covers everything is short unless it was made to cost time."""
+"""Expressions of one grant and operation that are looked at, and decided over all names, the shortest first. To decide
+takes some milliseconds, and what covers everything is short unless somebody made it to cost time."""
 
 _BUDGET: Final = 2_000
 """States for the expressions: those that people write need some dozens."""

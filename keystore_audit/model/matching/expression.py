@@ -1,12 +1,12 @@
 """Expressions: the patterns in topic and partition elements, as a given matcher reads them.
 
 DDS-Security 1.1 (9.4.1.2, 9.4.1.3) gives expressions the syntax of POSIX `fnmatch()` (IEEE 1003.2-1992, B.6) and
-says nothing about its flags, so one text has different meanings in different implementations: a text is nothing
-without its `Matcher`. Python's own `fnmatch` is none of them.
+says nothing about its flags. So one text has different meanings in different implementations, and none without its
+`Matcher`. Python's own `fnmatch` is none of them.
 
-We work on characters. A libc in the C locale works on bytes, where a `?` or brackets take one byte of a non-ASCII
-character: with such wildcards the answer on non-ASCII names depends on the locale of the process. ROS 2 names are
-ASCII; `str.isascii` tells which expressions are not.
+We work on characters. A libc in the C locale works on bytes: a `?` or brackets take one byte of a non-ASCII character.
+With such wildcards the answer on non-ASCII names depends on the locale of the process. ROS 2 names are ASCII;
+`str.isascii` tells which expressions are not.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ class Pattern(Struct, frozen=True, kw_only=True):
     """An expression as one matcher reads it.
 
     `malformed`: what is wrong with the text, a sentence without its subject ("has a [ that nothing closes, …"), None
-    if nothing. Such a text has one meaning all the same, but hardly two matchers give it the same one. `undefined`: it
-    has none that we could say (it makes the implementation read beyond its end, or its brackets end here or there), so
-    that what is decided with it is unknown; what it matches then is one possibility.
+    if nothing. Such a text still has one meaning, but hardly two matchers agree on it. `undefined`: its meaning is not
+    known, because the implementation reads beyond its end, or its brackets may end in two places. What is decided with
+    it is unknown; what it matches then is one possibility.
 
-    `pieces`: what stands between the stars. `rewinds`: whether a piece behind a star is looked for at every place, as
-    all but `Matcher.SINGLE_TRY` do; then the pieces are a normal form, and equal ones match equal names.
+    `pieces`: what is between the stars. `rewinds`: whether a piece behind a star is looked for at every place, as with
+    all but `Matcher.SINGLE_TRY`. Then the pieces are a normal form, and equal ones match equal names.
     """
 
     text: str
@@ -107,8 +107,8 @@ class Pattern(Struct, frozen=True, kw_only=True):
     def matches(self, name: str) -> bool:
         """Return whether it matches the whole of `name`, in time of at most the product of both lengths.
 
-        A direct matcher that shares nothing with the automata of `atoms`: each piece between two stars is taken at
-        the first place behind the piece before it.
+        A direct matcher that shares nothing with the automata of `atoms`. It takes each piece between two stars at the
+        first place behind the piece before it.
         """
         if not self.rewinds:
             return _matches_without_rewinding(self.pieces, name)
@@ -150,8 +150,8 @@ def has_wildcard(text: str) -> bool:
 
 
 def naming(rule: Rule, operation: Operation, name: str, matcher: Matcher) -> Text | None:
-    """The topic expression of the rule that is the name, or else the first that matches it: among those of the
-    operation, else among all, since some implementations take what a rule lists for relaying as a right to subscribe.
+    """The topic expression of the rule that is the name, or else the first that matches it. Those of the operation come
+    before all others: some implementations read what a rule lists for relaying as a right to subscribe.
     """
     for own in (True, False):
         texts = [text for each in rule.criteria if (each.operation is operation) is own for text in each.topics]

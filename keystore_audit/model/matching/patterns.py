@@ -75,7 +75,7 @@ class _Walk:
     """All pairs of a pattern in one of the classes `wanted` and a name that it matches, as the states they lead to.
 
     Left out are pairs from which no pattern goes on to one of these classes. Where a pattern stays in its class
-    whatever follows, a star meets most. What a pair leads to depends on where in the pattern it is, hence the kinds:
+    whatever follows, a star meets most. What a pair leads to depends on where in the pattern it is. The kinds say this:
     between two characters, at a star, in brackets, behind what takes any character, and behind a backslash.
     """
 

@@ -34,10 +34,10 @@ from keystore_audit.profiles import DateReading, Profile, Trust
 class Admitted(Struct, frozen=True, kw_only=True):
     """An identity beside the enclaves that peers take. `key`: where its private key lies.
 
-    `rights`: what lets it in: grants that name it, in documents that a peer may take, a governance that wants none, or
-    the permissions CA, where peers take permissions that it signs itself.
-    `enclave`: one that has the same subject, and whom all take that take this one, so that it has the same rights
-    already; None: nobody has.
+    `rights`: what lets it in. That is grants that name it, in documents that a peer may take, or a governance that
+    wants none. Or it is the permissions CA, where peers take permissions that it signs itself.
+    `enclave`: one with the same subject, accepted by all who accept this one, so that it has the same rights already;
+    None: nobody has.
     """
 
     certificate: Certificate

@@ -1,14 +1,14 @@
-"""Endpoints that an enclave's own implementation decides about otherwise than its peers: those that it creates although
-peers would refuse them, and those that it refuses it although peers would take them.
+"""Endpoints that an enclave's own implementation decides about otherwise than its peers. It creates some that peers
+would refuse, and refuses some that peers would take.
 
-Whoever attacks gives its keys to anybody, and takes samples from anybody. So what gets from an attacker to an honest
-enclave is bounded by what that one's own implementation lets it read, and what gets from an honest enclave to an
-attacker, or to anybody on the network, by what its own lets it write: not by what honest peers concede. Some
-implementations let it do more: Fast DDS applies rules of other domains to its own endpoints, Cyclone DDS lets a
-participant start wherever some topic has no access control (docs/profiles.md).
+An attacker gives its keys to anybody, and takes samples from anybody. So an honest enclave gets from an attacker what
+its own implementation lets it read. An attacker, or anybody on the network, gets from an honest enclave what its own
+implementation lets it write. What honest peers concede is no bound. Some implementations let an enclave do more. Fast
+DDS applies rules of other domains to its own endpoints. Cyclone DDS lets a participant start wherever some topic has no
+access control (docs/profiles.md).
 
-And data gets somewhere while nobody attacks only if the implementations on the way create their own endpoints. Some
-refuse what they would concede to a peer: to its own endpoints Fast DDS applies deny rules of other domains too, and a
+While nobody attacks, data gets somewhere only if the implementations on the way create their own endpoints. Some refuse
+what they would concede to a peer. To its own endpoints Fast DDS applies deny rules of other domains too, and a
 `<relay>` gives them nothing.
 """
 
@@ -93,8 +93,8 @@ def within(one: Timeline, other: Timeline) -> bool:
 
 
 class Alone(NamedTuple):
-    """What its own implementation lets an enclave do where it possibly starts, and where it certainly does; and the
-    endpoints that it refuses it and peers would take.
+    """What its own implementation lets an enclave do where it possibly starts, and where it certainly does. Also the
+    endpoints that its implementation refuses and peers would take.
     """
 
     possible: Timeline = ()
@@ -107,10 +107,10 @@ NOTHING = Alone()
 
 
 class LoneEndpoints:
-    """Those that are created and those that are refused, now and from each later moment on at which another grant may
-    count, or at which an enclave may come to start or no longer start: of the enclaves of one keystore, from `at` on,
-    one of the `instants` (aware UTC, sorted), among which are all dates of its certificates, lists and grants. And
-    those that `holders` beside them create.
+    """The endpoints of one keystore's enclaves that are created, and those that are refused, from `at` on. `at` is one
+    of the `instants` (aware UTC, sorted), among which are all dates of its certificates, lists and grants. They change
+    at later moments, as another grant counts, or as an enclave begins or ceases to start. Also those that `holders`
+    create.
 
     `meets`: by channel, those in which endpoints of its partition are met; empty where partitions are plain names.
     """
@@ -211,8 +211,8 @@ class LoneEndpoints:
     def _may_differ(self, governance: GovernanceFile, grants: Iterable[ReadGrant], access: Access) -> bool:
         """Whether the enclave might do what peers would not concede it.
 
-        It might not where each rule of its grants is about all domains that the governance covers, and about its own
-        endpoints as about those of peers: then peers let it join them all, and rules apply there as they do here.
+        It does not where each rule of its grants is about all governed domains, and about its own endpoints as about
+        those of peers. Then peers let it join all domains, and rules apply there as they do here.
         It may where any rule of the governance counts, while the first alone says what is protected.
         """
         ruled = self._ruled_by(governance, access)

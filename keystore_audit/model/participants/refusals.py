@@ -44,10 +44,10 @@ REQUIRED = (
 """Files without which rmw_dds_common hands no security to the implementation (its security.cpp)."""
 
 UNGOVERNED: Final = ("the governance covers no domain", "the governance does not cover domain")
-"""How reasons begin that are about domains, as UNGRANTED: only governance and permissions mend them."""
+"""How reasons begin that are about domains, as UNGRANTED: only governance and permissions fix them."""
 
 UNGRANTED: Final = "the grant allows no"
-"""How reasons begin that only permissions mend."""
+"""How reasons begin that only permissions fix."""
 
 _LOADS_NONE: Final = "it loads no CA signed with"
 _LOADS_NOT: Final = "it does not load"
@@ -136,8 +136,8 @@ def strict_refusal(authority: Certificate) -> str | None:
     """Why the first certificate of a CA file fails X509_verify_cert with X509_STRICT; None where it does not.
 
     As Fast DDS since 2.6.10, 2.14.5 and 3.2 verifies it when it loads the file (FileProvider.cpp; checked with `openssl
-    verify -x509_strict -check_ss_sig`). Of one that is not self-signed far more is asked than sros2 writes; the same is
-    asked of those above it, which are not looked at here.
+    verify -x509_strict -check_ss_sig`). One that is not self-signed must meet far more than sros2 writes. So must those
+    above it, which are not looked at here.
     """
     if not names_itself(authority):
         present = {type(extension.value): extension.critical for extension in authority.parsed.extensions}
@@ -219,8 +219,8 @@ def _chain_refusals_at(
 def _signers_refused_at(
     enclave: Enclave, permissions_ca: CertificateFile, authority: Certificate | None, trust: Trust, at: datetime
 ) -> Iterator[str]:
-    """What is wrong `at` an instant with who signed the documents, where others than the permissions CA may sign: the
-    dates of signers, and of the authorities above them, count (measured). `authority`: whose own dates are told.
+    """What is wrong with the documents' signers `at` an instant, where others than the permissions CA may sign. Dates
+    of signers and of the authorities above them count (measured). `authority`: whose own dates are told.
     """
     documents = (Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)
     taken = [

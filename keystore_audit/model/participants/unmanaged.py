@@ -2,14 +2,13 @@
 
 Whoever has such a certificate's key joins under it, with the grants of its subject, and peers cannot tell. Where
 nothing of that is unknown, they are in both readings. MAY has to have them, or a flow over them would be missing. MUST
-has to have them as well: peers let them in for certain, and else a doubt about something else would make unknown of
-what they do. That nothing good rests on them, which is a matter of claims, is seen to there (`model.claims.claims`).
+has to have them as well, since peers let them in for certain. Else a doubt about something else would make their acts
+unknown. `model.claims.claims` sees to it that nothing good rests on them.
 
-What their own implementation lets them do is asked like an enclave's own. They start it in a folder with files of their
-own. The permissions CA is that of some enclave, or peers would have nothing to do with their permissions. Whom they
-trust beside it, revocation lists and governance are their own affair, which no peer looks at: there may be no list, any
-authorities in both CA files, and any governance that one of them signed. Of permissions any document that names them
-will do.
+What their own implementation lets them do is asked as of an enclave. They start it in a folder with files of their own.
+The permissions CA is some enclave's, or peers would reject their permissions. Peers look at none of the other files:
+whom they trust beside it, revocation lists and governance. There may be no list, any authorities in both CA files, and
+any governance that one of them signed. Of permissions, any document that names them will do.
 """
 
 from __future__ import annotations
@@ -130,8 +129,8 @@ class Unmanaged:
         *,
         may: bool,
     ) -> list[UnmanagedIdentity]:
-        """Those that some enclave takes for one of its trust domain, possibly (MAY) or certainly (MUST): others have
-        nobody to talk to, whatever they start with.
+        """Those that some enclave takes for one of its trust domain, possibly (MAY) or certainly (MUST). Others have
+        no peers, whatever they start with.
         """
         peers = [trust_domains[number] for number in sorted({enclave.trust_domain for enclave in enclaves})]
         asked = (each for each in self.identities if may or (each.held and unmanaged_doubt(each) is None))
@@ -142,7 +141,7 @@ class Unmanaged:
     ) -> bool:
         """Whether members of the trust domain take who has the certificate for one of theirs, whatever the dates.
 
-        One that stands in an identity CA file itself is no authority of a trust domain, so that any may be the one that
+        One in an identity CA file itself is no authority of a trust domain. So any trust domain may be the one that
         takes it.
         """
         number = self.number(each)
@@ -161,12 +160,12 @@ class Unmanaged:
     ) -> Iterator[Participant]:
         """The identities that a trust domain lets in, in each that does.
 
-        Whose trust domain it is matters for what it takes itself, and nobody knows which files it is started with
-        (`hosts`): an enclave that has its key need not use its own, nor need anybody else.
+        Its trust domain matters for what it accepts itself. Nobody knows which files it starts with (`hosts`): an
+        enclave with its key need not use its own files, nor need anybody else.
         `names`: the certificates that subjects of grants mean. `own`: by certificate and trust domain, the endpoints
-        that their implementation creates with each document that names them. One that is like an enclave's own, or like
-        another, in all that peers look at, and that has no endpoints beyond those of that one, adds nothing to its
-        trust domain and is left out there: a certificate that was renewed, for instance. Raises errors.BudgetExceeded.
+        that their implementation creates with each document that names them. Left out is one that peers cannot
+        distinguish from an enclave's own identity, or from another, if it has no further endpoints: it adds nothing. A
+        renewed certificate is one. Raises errors.BudgetExceeded.
         """
         let_in = tuple(let_in)
         if not let_in:  # nearly always
@@ -236,8 +235,8 @@ def behind_participant(place: str, trust_domain: int) -> Participant:
 
 
 def unread_certificate(root: str, key: int, last: int) -> CertificateAtom:
-    """What stands for all certificates of CA files of the keystore at `root` that could not be read, with this key; up
-    to the `last` instant.
+    """What stands for all certificates with this key in unread CA files of the keystore at `root`, up to the `last`
+    instant.
     """
     return CertificateAtom(
         label="whatever is in a CA file that could not be read",
@@ -298,7 +297,7 @@ def _told(
 
 
 def _hosts(keystore: Keystore) -> dict[TrustFiles, Enclave]:
-    """Whose place they may take: enclaves, by trust domain; and with each identity CA file, each permissions CA file
+    """Whose place they may take: enclaves, by trust domain. Also each identity CA file with each permissions CA file
     and each governance there is, without revocation lists.
 
     Who has no list refuses nobody whom others take, and nobody knows what else stands in its CA files: all authorities

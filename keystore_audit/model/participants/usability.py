@@ -107,8 +107,8 @@ class Usabilities:
         return replace(known[1], reasons=tuple(told))
 
     def _own_of(self, enclave: Enclave, profile: Profile) -> tuple[int, int, _Grants]:
-        """Two numbers and its grants: enclaves of one number start alike as long as the same of their own is in force;
-        by the second the files that they share are those of one place, and not copies.
+        """Two numbers and its grants. Enclaves with the same first number start alike, as long as the same of their own
+        is in force. With the same second number, the files that they share are in one place, and no copies.
         """
         directory, row = enclave.files.directory, self._accesses.row(profile.access)
         known = self._own.get((directory, row, profile.trust.subjects))
@@ -167,8 +167,8 @@ class Usabilities:
 
 @lru_cache(maxsize=1)  # asked under each kind of implementation, one enclave after the other
 def _seen(enclave: Enclave) -> object:
-    """All that bears on whether an enclave starts but what its grants say, and the dates of its certificate; of one
-    of which something is in doubt, or which carries revocation lists, its directory: it is like no other.
+    """All that bears on whether an enclave starts, except its grants and the dates of its certificate. Where something
+    is in doubt, or there are revocation lists, it is the directory: the enclave is like no other.
     """
     signed = enclave.permissions.signed if enclave.permissions is not None else None
     listed = enclave.crl is not None or enclave.files.files[Role.CRL].status.unknown or lists_carried(enclave)

@@ -37,8 +37,8 @@ from keystore_audit.truth import Truth
 class Kind(NamedTuple):
     """Implementations that read a keystore alike, by the rows of one of them.
 
-    `alone`: by enclave, and then by holder of an unmanaged identity, what they let it do by themselves, or refuse it;
-    empty where that is what peers concede it.
+    `alone`: by enclave, and then by holder of an unmanaged identity, what they let it do by themselves, or refuse it.
+    Empty where that is what peers concede it.
     """
 
     trust: Trust
@@ -46,7 +46,7 @@ class Kind(NamedTuple):
     alone: tuple[Alone, ...] = ()
 
     def reading(self, assumed: frozenset[Assumption], *, mixed: bool) -> Reading:
-        """How they judge peers. Unless the fleet is mixed, what hangs on no announcement is told as nobody's."""
+        """How they judge peers. Unless the fleet is mixed, what depends on no announcement is told as nobody's."""
         announced = mixed or Assumption.TRUTHFUL_ANNOUNCEMENTS not in assumed
         return Reading(
             pins_signer=self.trust.pins_signer,
@@ -218,8 +218,8 @@ class Views:
 
 
 def _introduction(file: CertificateFile | None, trust: Trust) -> tuple[str, bool]:
-    """What a participant with this permissions CA file tells its peers of it: the name of the first certificate, and
-    whether the first that counts is signed with RSA (Fast DDS tells no more; `ca_algorithms` are this and ECDSA).
+    """What a participant with this permissions CA file tells its peers of it: the name of the first certificate. Also
+    whether the first that counts is signed with RSA. Fast DDS tells no more; `ca_algorithms` are this and ECDSA.
     """
     if file is None or file.first is None:
         return "", False

@@ -1,8 +1,8 @@
 """Classes of ROS 2 names by which expressions match the DDS topics that are made of them.
 
-A service or an action is several DDS topics, each a prefix, the ROS name and a suffix (`names.dds_channels`). Whether
-it can be used hangs on all of them at once, so here the automaton of the expressions is walked with several names in
-step: one for every prefix, each over the same ROS name, and each with its suffix at the end. What decides about every
+A service or an action is several DDS topics, each a prefix, the ROS name and a suffix (`names.dds_channels`). It can be
+used only if all of them can. So the automaton of the expressions is walked here with several names in step. There is
+one for every prefix, over the same ROS name, and each has its suffix at the end. What decides about every
 one of the topics is then constant on a class, and one evaluation per class is exact for all ROS names.
 """
 

@@ -1,8 +1,8 @@
 """Services and actions of which an enclave may use a part alone, so that they cannot work.
 
 What counts is what the enclave's own implementation lets it do, over all ROS names: in classes (`model.ros.classes`).
-Half of it has to come from an allow rule of the enclave's grant: what a governance leaves open to everybody, or a
-default allows, is no sign that the enclave was to have the service. ROS 2 endpoints are in the default partition.
+Half of it has to come from an allow rule of the enclave's grant. What a governance leaves open to everybody, or a
+default allows, does not show that the enclave was to have the service. ROS 2 endpoints are in the default partition.
 """
 
 from __future__ import annotations

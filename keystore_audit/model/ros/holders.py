@@ -78,9 +78,9 @@ class DocumentLines:
 def is_surely_whole(grant: Grant, *, rewinds: bool) -> bool:
     """Whether it allows every service and action, that it allows a part of, as a whole: by the texts alone.
 
-    False where a closer look is needed. Only allow rules without partitions, for the same domains, whose expressions
-    have no wildcards but `*`: then what each expression allows is allowed, and the texts of the two halves of a service
-    differ in prefix and suffix alone. `rewinds`: whether all implementations search behind a `*` (`expression`).
+    False where a closer look is needed. True only for allow rules without partitions, for the same domains, with no
+    wildcards but `*`. Then each expression is allowed as a whole, and the two halves of a service differ only in prefix
+    and suffix. `rewinds`: whether all implementations search behind a `*` (`expression`).
     """
     if grant.default_allow or len({tuple((d.low, d.high) for d in rule.domains) for rule in grant.rules}) > 1:
         return False

@@ -265,8 +265,8 @@ class RosPatterns(Struct, frozen=True, kw_only=True):
     """`reaches`, `rivals`: each with the chosen profiles that it holds for.
 
     `unknown`: why services could not be compared. `actions`: patterns for topics that take in actions. `unusual`:
-    enclaves that lack some of what every node uses; `undescribed`: those that lack what nodes use since Iron, where
-    a distribution since then is asked about.
+    enclaves that lack some of what every node uses. `undescribed`: those that lack what nodes use since Iron, where a
+    distribution since then is asked about.
     """
 
     halves: Halves

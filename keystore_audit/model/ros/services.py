@@ -1,10 +1,10 @@
 """Who may answer a service that another enclave answers, and who may set parameters and states of another's nodes.
 
 An enclave *answers* a service where a grant lets it publish the replies, and *calls* it where one lets it publish the
-requests. Rights are effective: those of every document that peers take from the enclave. A node is another enclave's
-where that one's own document lets it answer the services of the node, and the caller's documents do not list them by
-name. Left out is what others rules say as a whole: grants that allow everything (KA511) or by default (KA509), access
-control that is off (KA406), and documents that could not be read or that an enclave can sign for itself (KA7, KA9).
+requests. Rights are effective: those of every document that peers take from the enclave. A node is another enclave's if
+that enclave's own document lets it answer the node's services. The caller's documents must not list these by name. Left
+out is what other rules report as a whole: grants that allow everything (KA511) or by default (KA509). So is access
+control that is off (KA406), and so are documents that are unread or that an enclave can sign itself (KA7, KA9).
 ROS 2 endpoints are in the default partition, which an endpoint in the partition `*` meets.
 """
 

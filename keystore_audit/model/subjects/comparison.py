@@ -1,7 +1,7 @@
 """Whether the subject_name of a grant names a certificate, as each implementation compares them.
 
-DDS-Security 1.1 (9.4.1.3) asks for the subject in the form of RFC 2253 and leaves the comparison open; every
-implementation has one of its own (sources: docs/security-model.md). All of them find the name that `ros2 security`
+DDS-Security 1.1 (9.4.1.3) asks for the subject in the form of RFC 2253 and leaves the comparison open. Every
+implementation has its own comparison (sources: docs/security-model.md). All of them find the name that `ros2 security`
 writes; they differ about order, blanks, quotes, escapes, repeated attributes and text that does not belong there.
 """
 
@@ -28,8 +28,8 @@ TOKENWISE: Final = frozenset({SubjectComparison.PIECES_WITHIN, SubjectComparison
 
 COMPACT_TOO: Final = frozenset({SubjectComparison.PIECES_IN_ORDER, SubjectComparison.ATTRIBUTES})
 """Comparisons of Fast DDS: of a peer, `compact` to the letter will do as well (Permissions.cpp,
-validate_remote_permissions). It does so where it answers the handshake (PKIDH.cpp, begin_handshake_reply), not where it
-began it: which of them depends on digests of both subjects (measured on 2.9.1; of the others read)."""
+validate_remote_permissions). This holds where it answers the handshake (PKIDH.cpp, begin_handshake_reply), not where it
+began it. Digests of both subjects decide which of them answers (measured on 2.9.1; of the others read)."""
 
 MAX_PAIRS: Final = 200_000
 """Grants and certificates that are compared one by one: half a second. Only names in odd forms are; beyond it a grant
@@ -278,7 +278,7 @@ class _Index:
 class Comparison(Struct, frozen=True, kw_only=True):
     """A comparison attribute by attribute.
 
-    `names`: whether the attributes of a text name those of a certificate; None: if every attribute of the certificate
+    `names`: whether the attributes of a text name those of a certificate. None: if every attribute of the certificate
     is the first of its type in the text, whatever else the text has. `escape_non_ascii`: how the certificate's name is
     printed before it is parsed.
     """

@@ -1,8 +1,8 @@
 """Subjects as the text of a grant tells them: whom it means, and which grants name a certificate of just that subject.
 
-Nobody here need have such a certificate; whoever has the key of an identity CA makes one, and another robot may have
-one. By its grant alone is not who has it: Cyclone DDS takes a grant of `CN=/arm/hand` for one of `CN=/arm` too, and not
-the other way about, and of several grants in a document the first that names the certificate decides.
+Nobody here need have such a certificate. The holder of an identity CA's key can make one, and another robot may have
+one. A grant alone does not say who has it. Cyclone DDS takes a grant of `CN=/arm/hand` for one of `CN=/arm` too, but
+not the other way about. Of several grants in a document, the first that names the certificate decides.
 """
 
 from __future__ import annotations

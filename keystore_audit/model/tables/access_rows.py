@@ -1,6 +1,6 @@
 """The access table as a user of ROS 2 thinks of it: topics, services and actions instead of DDS topics.
 
-A service or an action is one row where whoever may do anything there may do all of it: all DDS topics of sros2's table
+A service or an action is one row where everybody with some right there has all of them: all DDS topics of sros2's table
 (`names.dds_channels`). What is left over is a row of its own, so that no right disappears.
 """
 
@@ -241,8 +241,8 @@ def _merged(rows: Sequence[Row], **changes: Any) -> Row:
 
 
 def _joined(rows: Iterable[Row]) -> Iterable[Row]:
-    """Rows that need not be told one by one, as one: parameter services of one node, ambient topics; and parameters
-    that one enclave answers and no other asks, of all enclaves.
+    """Rows that need not be told one by one, as one. These are parameter services of one node, and ambient topics.
+    Parameters that one enclave answers and no other asks for become one row for all enclaves.
     """
     parameters: dict[tuple[str, object], list[Row]] = {}
     ambient: dict[object, list[Row]] = {}

@@ -41,11 +41,11 @@ from keystore_audit.profiles import Profile
 
 
 class IssuedCertificate(Struct, frozen=True, kw_only=True):
-    """A certificate and what hangs on it. Names are raw text, dates aware UTC.
+    """A certificate and what depends on it. Names are raw text, dates aware UTC.
 
     `key_kind` as in `Certificate`. `identity_of`: enclaves whose identity it is; `identity_ca_of`, `permissions_ca_of`:
     how many enclaves trust it as that. `issued`: places among all certificates; `is_root`: no other one issued it.
-    `signed`: documents (paths) whose signature it made. `revoked`: some enclave's revocation list takes it back.
+    `signed`: documents (paths) whose signature it made. `revoked`: some enclave's revocation list revokes it.
     """
 
     subject: str
@@ -298,8 +298,8 @@ MAX_NEIGHBOURHOODS: Final = 400
 """Enclaves whose neighbours are looked for: each is held against each, and nobody looks at more pictures."""
 
 MAX_VIEWS: Final = 10_000
-"""Pairs of an enclave and a trust domain beyond which no neighbours are looked for: hundreds of enclaves, each with a
-governance file of its own."""
+"""Pairs of an enclave and a trust domain beyond which no neighbours are looked for. That takes hundreds of enclaves,
+each with its own governance file."""
 
 
 class Allowance(Struct, frozen=True, kw_only=True):
@@ -318,9 +318,9 @@ class Allowance(Struct, frozen=True, kw_only=True):
 class Overview(Struct, frozen=True, kw_only=True):
     """`access`: in one domain; None where that could not be worked out, and `refused` says why (a sentence).
 
-    `allowances`: by enclave path, under the profiles of the table's last group, as `neighbourhoods` are, of which there
-    are at most MAX_NEIGHBOURHOODS, or none, and `undrawn` says why (a sentence). `ambient`: names (bit set) that those
-    leave out.
+    `allowances`: by enclave path, under the profiles of the table's last group, as `neighbourhoods` are. There are at
+    most MAX_NEIGHBOURHOODS of these, or none, and `undrawn` says why (a sentence). `ambient`: names (bit set) that
+    those leave out.
     """
 
     access: AccessTable | None = None

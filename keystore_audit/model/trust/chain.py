@@ -137,8 +137,8 @@ def chain_refusal(
 
     `at` None: why it never does. Otherwise of the certificates in force then; that none is, is no reason here.
 
-    OpenSSL takes, at each step, the first certificate with the issuer's name and key identifier for the issuer, and
-    tries no other one (X509_STORE_CTX_get1_issuer; measured with 3.0.19): all authorities of sros2 have one name.
+    At each step OpenSSL takes the first certificate with the issuer's name and key identifier, and tries no other
+    (X509_STORE_CTX_get1_issuer; measured with 3.0.19). All authorities of sros2 have one name.
     """
     return _chain_refusal(
         certificate_alike(certificate, file), file, chaining(trust, file), at if len(file.certificates) > 1 else None
@@ -191,8 +191,8 @@ def _dead_ends(
     wrong: Callable[[Certificate, Certificate, int], str | None],
     nobody: str = "",
 ) -> list[str] | None:
-    """Why no path that OpenSSL takes, over certificates of the CA file (`read`) before those of the message, arrives at
-    a self-signed one of the file; None where one does.
+    """Why no path that OpenSSL takes arrives at a self-signed certificate of the file; None where one does. Paths lead
+    over certificates of the CA file (`read`) before those of the message.
 
     `wrong`: what is wrong with the issuer of a certificate that has so many authorities below it that are not
     self-issued. `nobody`: what is said where there is none.
@@ -282,9 +282,9 @@ def path_refusal(
 ) -> str | None:
     """Why no path is found `at` the instant, or at any, for a signer that `may_sign`; None where one is.
 
-    PKCS7_verify takes at each step the first certificate of the issuer's name that fits, of the CA file before those of
-    the message, and tries no other one (build_chain in x509_vfy.c; measured on Fast DDS 2.9.1): of two permissions CAs
-    of one name, as sros2 names all, what the second signs is refused. Only who starts rests on this: what a peer may
+    At each step PKCS7_verify takes the first fitting certificate of the issuer's name, of the CA file before those of
+    the message. It tries no other (build_chain in x509_vfy.c; measured on Fast DDS 2.9.1). So of two permissions CAs of
+    one name, as sros2 makes all, it refuses what the second signs. Only who starts rests on this: what a peer may
     present is asked of `may_sign`, which looks at every path.
     """
     several = len(permissions_ca.certificates) > 1 or len(signed.embedded) > 1

@@ -88,8 +88,8 @@ def revoked(
 ) -> tuple[Certificate, ...]:
     """Those of the certificates that are revoked under an identity CA of the enclave `at` an instant (aware UTC).
 
-    A list that no identity CA signed revokes nothing here: what it does at run time is a finding of its own, and
-    leaving an identity in is the careful reading.
+    A list that no identity CA signed revokes nothing here. Its run-time effect has a finding of its own, and to leave
+    an identity in is the careful reading.
     """
     lists = [each for each in lists_read(enclave, trust) if each.revoked]
     authorities = identity_authorities(enclave, trust)
@@ -109,11 +109,11 @@ def revoked(
 def _lists_about(
     enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime | None
 ) -> Iterator[tuple[RevocationList, bool]]:
-    """Of the lists that are read those that OpenSSL may look the identity up in `at` the instant, or ever; and whether
-    each can be used: a signature that cannot be checked counts.
+    """The lists in which OpenSSL may look the identity up `at` the instant, or ever, and whether each can be used. A
+    signature that cannot be checked counts as usable.
 
-    One that can be used names the identity's issuer, is signed by the certificate of that name which OpenSSL takes for
-    the list's issuer, whose keyUsage allows it, and holds identities of every kind.
+    A usable list names the identity's issuer and holds identities of every kind. The certificate that OpenSSL takes for
+    the list's issuer, by that name, signed it, and its keyUsage allows that.
     """
     lists = lists_read(enclave, trust)
     authorities = identity_authorities(enclave, trust) if lists else ()
@@ -211,8 +211,8 @@ def _signers(
 ) -> Iterator[Certificate]:
     """The certificates that may be taken for the list's issuer (crl_akid_check in x509_vfy.c).
 
-    On the way from the identity to its root it is the first that has the list's issuer for a subject and fits its
-    authorityKeyIdentifier; what others signed is of no use, even with the same name.
+    It is the first on the way from the identity to its root that has the list's issuer as subject and fits its
+    authorityKeyIdentifier. What others signed is of no use, even with the same name.
     """
     pending, seen = [certificate], {certificate}
     while pending:

@@ -153,9 +153,9 @@ def file_alike(file: CertificateFile) -> CertificateFile:
 def trusted_authorities(file: CertificateFile, trust: Trust, at: datetime | None = None) -> tuple[Certificate, ...]:
     """The authorities of an identity CA file that can vouch for an identity, in force at `at` with all above them.
 
-    Where the chain has to end at a root (X509_verify_cert of OpenSSL), each is one or was issued by another of them,
-    within the path lengths that those above it allow (RFC 5280, 6.1.4 l and m); otherwise every certificate of the file
-    is an anchor. `at` None: whatever the dates.
+    Where the chain has to end at a root (X509_verify_cert of OpenSSL), each is a root or was issued by another of them.
+    Path lengths of those above must allow it (RFC 5280, 6.1.4 l and m). Otherwise every certificate of the file is an
+    anchor. `at` None: whatever the dates.
     """
     pool = [
         authority
@@ -241,9 +241,9 @@ def _is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at
 
 
 def stands_alone(certificate: Certificate, authorities: Iterable[Certificate]) -> bool:
-    """Whether OpenSSL finds a certificate that names itself among the trusted ones, and may ask nothing more of it:
-    who is no authority, or did not sign itself, is taken all the same (measured on Cyclone DDS and Fast DDS, which
-    asks for the signature).
+    """Whether OpenSSL finds a certificate that names itself among the trusted ones, and may ask nothing more of it. It
+    is taken even if it is no authority, or did not sign itself. Measured on Cyclone DDS and Fast DDS, which asks for
+    the signature.
     """
     if not names_itself(certificate) or not any(each.sha256 == certificate.sha256 for each in authorities):
         return False
@@ -287,10 +287,10 @@ def may_sign(
     """Whether an enclave with this permissions CA file takes `signer` as a signer of the document.
 
     Pinned: it has the key of the file's first certificate of its issuer and serial number, whatever else those have.
-    Otherwise it has to be in the message, the first there of its issuer and serial number, fit for S/MIME signing, and
-    to chain to a root of the file over authorities of the file and the message: CVE-2023-24010, CVE-2023-24011,
-    CVE-2023-24012 (PKCS7_verify with a store and PKCS7_TEXT; measured against libcrypto). The whole chain is in force
-    `at` an instant; None: dates are not looked at.
+    Otherwise it must be in the message, the first there of its issuer and serial number, and fit for S/MIME signing. It
+    must chain to a root of the file over authorities of file and message (CVE-2023-24010, CVE-2023-24011,
+    CVE-2023-24012). This is PKCS7_verify with a store and PKCS7_TEXT, measured against libcrypto. The whole chain is in
+    force `at` an instant; None: dates are not looked at.
     """
     read = authorities_read(permissions_ca, trust)
     if trust.pins_signer:
@@ -318,7 +318,7 @@ def is_pinned(signer: Certificate, authorities: Iterable[Certificate]) -> bool:
 def signers_taken(signed: SignedDocument, trust: Trust) -> tuple[Certificate, ...]:
     """The signers as the implementation finds them: in the message, where it does not pin.
 
-    An authority made anew from its old certificate has the issuer, serial number and key of that one.
+    An authority that was made again from its old certificate keeps issuer, serial number and key.
     """
     signers = envelope(signed).signers
     if trust.pins_signer:
@@ -371,8 +371,8 @@ def is_authority(certificate: Certificate) -> bool:
 def issue(authority: Certificate, certificate: Certificate) -> Issue:
     """Whether `authority` issued the certificate: names and signature, not dates. UNSUPPORTED: it cannot be told.
 
-    A self-signed certificate is nobody's but its own, even where an older one has the same name and key: OpenSSL, and
-    with it every measured implementation, refuses one that is not among the trusted ones.
+    A self-signed certificate is issued by itself alone, even where an older one has the same name and key. OpenSSL, and
+    so every measured implementation, refuses one that is not among the trusted ones.
     """
     if certificate.sha256 != authority.sha256 and names_itself(certificate):
         return Issue.NAME_DIFFERS
