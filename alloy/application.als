@@ -1,17 +1,17 @@
 /**
  * The application beside its keystore: ROS 2 nodes, how they are wired, and whether they may be.
  *
- * Which node publishes and subscribes to what is a fact of the module `nodes`, which keystore-audit writes from what it
- * is given: a graph (what runs, as ROS 2 tools list it), a launch file (what is to be started), or a policy (of which
- * SROS2 makes permissions). Four questions are kept apart:
+ * Which node publishes and subscribes to what is a fact of the module `nodes`. keystore-audit writes it from a graph, a
+ * launch file or a policy. A graph is what runs, as ROS 2 tools list it; of a policy SROS2 makes permissions. Four
+ * questions are kept apart:
  *
  *   wired                      one node publishes what another subscribes to: what is meant to happen
  *   permitted                  the documents of both enclaves, and nothing else, let it happen
  *   wired_but_not_permitted    it is meant and cannot happen: a right is missing
  *   permitted_but_not_wired    it can happen and nobody means it: a right too many, or an attack's way
  *
- * Permitted is what each enclave's own document says (`claims`), not what an attacker could have peers take for good:
- * nodes do what their own middleware lets them do.
+ * Permitted is what each enclave's own document says (`claims`), since nodes do what their own middleware lets them do.
+ * What an attacker could make peers accept does not count.
  */
 module application
 open claims

@@ -2,8 +2,8 @@
  * Who a participant believes (DDS-Security 1.1, 8.3 and 9.3).
  *
  * That a signature verifies under a key is a fact that keystore-audit has established with real cryptography. Here
- * such facts are composed. One step is a chain: the certificates of a CA file are trust anchors each (9.3.1.1), and
- * where implementations want more above a CA, `identity_ca` has only those for which they find it.
+ * such facts are composed. One step is a chain: each certificate of a CA file is a trust anchor (9.3.1.1). Where
+ * implementations want more above a CA, `identity_ca` has only those for which they find it.
  */
 module authentication
 open precedence
@@ -30,10 +30,8 @@ pred DocumentsElsewhere { NoOtherDocuments + NothingInUnreadFiles not in assumed
 pred AnythingGranted { some opaque & Document or DocumentsElsewhere }
 
 /**
- * What each trust domain accepts on the word of its certificates `pool`, if exactly the certificates `valid` are in
- * force:
- * certificates that an authority of the pool issued. `valid` is a parameter since the same is asked with and without
- * dates.
+ * Certificates that an authority among its certificates `pool` issued, by trust domain, if exactly the certificates
+ * `valid` are in force. `valid` is a parameter since the same is asked with and without dates.
  */
 fun vouched[pool: TrustDomain -> Certificate, valid: set Certificate]: TrustDomain -> Certificate {
 	(pool & TrustDomain -> (authority & valid)).~issuer & TrustDomain -> valid
@@ -48,8 +46,8 @@ fun introduced[valid: set Certificate]: TrustDomain -> Enclave { (vouched[identi
 fun introduced_in_force: TrustDomain -> Enclave { introduced[in_force & Certificate] }
 
 /**
- * Enclaves that each trust domain takes for members of the keystore, without regard to dates: clocks on robots are
- * wrong, and an expired CA would otherwise make each property of access hold for want of participants.
+ * Enclaves that each trust domain takes for members of the keystore, without regard to dates. Clocks on robots are
+ * wrong, and with an expired CA each property of access would hold because nobody takes part.
  */
 fun authentic: TrustDomain -> Enclave {
 	introduced[Certificate] + TrustDomain -> anybody + open_trust_domain -> Enclave

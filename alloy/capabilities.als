@@ -1,19 +1,18 @@
 /**
  * What enclaves can do, by what peers concede and by the keys that they then hold (DDS-Security 1.1, 8.4.2.9 and 9.5).
  *
- * Who joins a domain gets the keys of its messages (`rtps_protection_kind`). The key of a writer's submessages
- * (`metadata_protection_kind`) goes to those that may read or relay, the key of its payloads
- * (`data_protection_kind`) to those that may read. Keys are symmetric: whoever can check can also make, unless the
- * kind of submessages authenticates the origin. That of messages does not: who a sample is of stands inside (INFO_SRC),
- * and no receiver compares it with who sealed the message (measured on Cyclone DDS and Fast DDS). An enclave is taken
- * at its worst: it may use every key it holds in any way.
+ * Who joins a domain gets the keys of its messages (`rtps_protection_kind`). Those that may read or relay get the key
+ * of a writer's submessages (`metadata_protection_kind`). Those that may read get the key of its payloads
+ * (`data_protection_kind`). Keys are symmetric: whoever can check can also make, unless the kind of submessages
+ * authenticates the origin. That of messages does not. The sample's source stands inside (INFO_SRC), and no receiver
+ * compares it with who sealed the message (measured on Cyclone DDS and Fast DDS). An enclave is taken at its worst: it
+ * may use every key it holds in any way.
  *
- * Three forms, here and in the modules below, are there for the translator, which takes less than half the time with
- * them (100 enclaves, 200 topics). Most enclaves take part in most domains. So what is out of reach is taken away,
- * which is little, where all that is within reach is nearly every pair of an enclave and a channel.
- * A comprehension over members of a set stands where "<:" would do, which makes a product of the set and everything
- * that exists. And a quantified trust domain that a `run` begins with is a choice for the solver, so that all that
- * depends on it varies, where a comprehension of trust domains is decided at once.
+ * Three forms, here and in the modules below, are there for the translator. They halve its time (100 enclaves, 200
+ * topics). Most enclaves take part in most domains. So what is out of reach is subtracted: that is little, while all
+ * within reach is nearly every pair of an enclave and a channel. A comprehension over members of a set stands in place
+ * of "<:", which makes a product of the set and everything that exists. A comprehension of trust domains is decided at
+ * once. A quantified one at the beginning of a `run` is a choice for the solver, and all that depends on it varies.
  */
 module capabilities
 open permissions
@@ -92,8 +91,8 @@ fun overhears[trust_domain: TrustDomain]: Enclave -> Channel {
 
 /**
  * Channels on which an enclave can make packets that readers take for those of a permitted writer. It needs the key of
- * each layer that is protected (that of messages every member has), and on channels on which the submessage tells who
- * of those that have the key made it (`attributed`), keys are not enough.
+ * each layer that is protected; every member has that of messages. Keys are not enough on channels on which the
+ * submessage tells which holder of the key made it (`attributed`).
  */
 fun forges[trust_domain: TrustDomain]: Enclave -> Channel {
 	let reader = may_read[trust_domain],

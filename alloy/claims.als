@@ -108,8 +108,8 @@ fun learns_known: TrustDomain -> Channel {
 }
 
 /**
- * Channels that each enclave learns as anybody whose key it has, and does not read by a grant of the permissions CA:
- * that nobody asks for grants entitles nobody. Those of whoever is none here, by a grant that lets it in; of others.
+ * Channels that each enclave learns as anybody whose key it has, and does not read by a grant of the permissions CA.
+ * Access control that is off entitles nobody. Those of whoever is none here, by a grant that lets it in; of others.
  */
 fun listens_in[trust_domain: TrustDomain]: (Enclave + Certificate + Outsider) -> Channel {
 	(in_any_guise[Enclave, knows[trust_domain]]
@@ -136,7 +136,7 @@ fun enters[trust_domain: TrustDomain]: Enclave -> Domain {
 fun enters_somewhere: Enclave -> Domain { { e: Enclave, d: Domain | some trust_domain: TrustDomain |
 	d in e.(enters[trust_domain]) } }
 
--- able: what an enclave can do by its own documents alone, as it is meant to, and as a peer that is right would see it
+-- able: what an enclave can do by its own documents alone, as it is meant to, and as a correct peer would see it
 
 /** The permissions document that each enclave holds, as far as the trust domain obeys it. */
 fun own_document[trust_domain: TrustDomain]: Enclave -> Document { permissions :> trust_domain.accepted }
@@ -186,7 +186,7 @@ fun reads_by_own[trust_domain: TrustDomain]: Enclave -> Channel {
 }
 
 /**
- * As `next` by right: whom one hop reaches from some of `holders`, if every enclave uses its own documents alone and
+ * As `next` by right: whom one hop reaches from some of `holders`. Every enclave uses its own documents alone and
  * tells its peers the truth about its permissions CA.
  */
 fun next_by_own[holders: set Enclave + Outsider, usable: set Channel, sending, receiving: TrustDomain]: set Enclave {

@@ -118,7 +118,7 @@ abstract sig Document {}
 
 /**
  * The enclaves that trust alike: one set of CA files, one governance document, one revocation list. What a peer
- * thinks of an enclave depends on the peer's trust domain alone, hence the parameter `trust_domain` of so much. An
+ * thinks of an enclave depends on the peer's trust domain alone, so `trust_domain` is a parameter of so much. An
  * ordinary keystore has one.
  */
 abstract sig TrustDomain {}

@@ -5,19 +5,19 @@
  * that have forwards publish nothing else. (Topics and samples: see `dds_security`.) What is *high* is secret, or
  * not to be relied on; what is on *low* topics is seen.
  *
- * Where somebody says what nodes do, more can be asked than where data can get to: whether what is seen on some topics
- * is decided by the inputs alone, whatever the scheduler does, and whatever comes on inputs that are high. Two runs of
+ * Where somebody says what nodes do, more can be asked than where data can get to. The question is whether the inputs
+ * alone decide what is seen on some topics, whatever the scheduler does and whatever comes on high inputs. Two runs of
  * one system get the same inputs, but for those that are `free`; what is seen of them must be the same.
  *
- * Time goes in rounds. In each, every forward in whose slots samples wait takes one and publishes it, and inputs come;
- * after it, each slot has the newest sample of what reached it in the round, else what it had, unless that was taken.
+ * Time goes in rounds. In each, every forward with samples in its slots takes one and publishes it, and inputs come.
+ * After it, each slot has the newest sample that reached it in the round, else what it had, unless that was taken.
  * Of several samples that reach a slot in one round, any may be the newest: DDS keeps the order of one writer only.
  *
- * Two values are enough: nodes pass on what they get without looking at it, so that two values that differ may be
- * called by these two names, and every other by one of them. The bound is not complete by itself: as many steps are,
- * as there are rounds until no new pair of states comes, which keystore-audit works out and gives to each command.
+ * Two values are enough, since nodes pass on what they get without looking at it. Two values that differ may have these
+ * two names, and every other value one of them. The bound is not complete by itself. It is with as many steps as there
+ * are rounds until no new pair of states comes; keystore-audit gives that number to each command.
  *
- * This module stands alone. The atoms are `one sig`s of the main file, which keystore-audit writes with its commands:
+ * This module stands alone. The atoms are `one sig`s of the main file, which keystore-audit writes with its commands.
  * `two_runs implies always alike` is checked, and a run of `two_runs` in which eventually something `shows` must exist.
  * Without atoms, the module speaks of every system within a scope.
  */

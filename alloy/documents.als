@@ -27,8 +27,8 @@ fun vouched_signer: TrustDomain -> Certificate { chained & (TrustDomain - pins_s
 fun chained: TrustDomain -> Certificate { permissions_ca.^(~(issuer :> authority)) }
 
 /**
- * Whose documents a trust domain obeys: where it pins, the permissions CA's; elsewhere those of every certificate that
- * is fit to sign, and is the permissions CA or chains to it.
+ * Whose documents a trust domain obeys. Where it pins, that is the permissions CA. Elsewhere it is every certificate
+ * that is fit to sign, and is the permissions CA or chains to it.
  */
 fun trusted_signer: TrustDomain -> Certificate {
 	pins_signer <: permissions_ca + (permissions_ca & TrustDomain -> fit_to_sign) + vouched_signer
@@ -57,8 +57,8 @@ fun signed_elsewhere: set TrustDomain {
 
 /**
  * Enclaves whose own key signs documents that the trust domain obeys: they can give themselves any right. It is the key
- * of a permissions CA, or one that such a CA vouches for: as the enclave's identity, or where it issues itself
- * identities, as whatever has that key. Where we could not read whom the trust domain believes, it may be any enclave.
+ * of a permissions CA, or one that such a CA vouches for as the enclave's identity. Where it issues itself identities,
+ * anything with that key counts. Where we could not read whom the trust domain believes, it may be any enclave.
  */
 fun self_granting: TrustDomain -> Enclave {
 	(authentic + issuing) & (

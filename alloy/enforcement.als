@@ -42,8 +42,8 @@ fun read_by_relays[trust_domain: TrustDomain]: Enclave -> Channel {
 }
 
 /**
- * Channels of which an enclave learns what members of `sending` write, and which it could carry into another domain: it
- * feeds some channel there, whose readers are members of `receiving`, as whomever its key lets it act. Who learns
+ * Channels of which an enclave learns what members of `sending` write, and which it could carry into another domain. It
+ * feeds some channel there, whose readers are members of `receiving`, as anybody whose key it has. Who learns
  * something as another need not be asked about: that one carries the same.
  */
 fun carried_across[sending, receiving: TrustDomain]: Enclave -> Channel {

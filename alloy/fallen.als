@@ -2,8 +2,8 @@
  * How many may fall: whether something gets through if some enclaves are compromised, whichever they are.
  *
  * That every set of enclaves has a compartment is beyond first-order logic, so the question is whether some set has a
- * flow. Chains of hops are not followed step by step, as `propagation` does, since who makes them possible is free here:
- * all of them are there at once, as the closure of one relation. It costs the cube of the number of participants.
+ * flow. Chains of hops are not followed step by step, as in `propagation`, since who makes them possible is free here.
+ * All of them are there at once, as the closure of one relation. It costs the cube of the number of participants.
  */
 module fallen
 open claims

@@ -1,11 +1,10 @@
 /**
  * What declared forwards rest on: who hands samples to whom, and where something high can come to.
  *
- * `determinism` (read it first) speaks of forwards, slots and inputs, without rights or documents. That these are
- * those of the keystore is decided here, again and from its facts alone: who may hand samples to a forward, or put
- * them where they are seen, and how far what is high can come, where enclaves without forwards pass on whatever they
- * get. Nobody attacks. The sets that keystore-audit used stand in the main file that it writes, with one check that
- * they are right.
+ * `determinism` (read it first) speaks of forwards, slots and inputs, without rights or documents. Here the keystore's
+ * facts alone decide again whether these are right: who may hand samples to a forward, or put them where they are seen.
+ * They also decide how far what is high can come, if enclaves without forwards pass on whatever they get. Nobody
+ * attacks. The sets that keystore-audit used stand in the main file that it writes, with one check that they are right.
  */
 module forwarding
 open information_flow
@@ -22,9 +21,8 @@ fun publishers[put: set Channel]: set Enclave {
 }
 
 /**
- * Channels that may carry what is high, from one trust domain to another: those of `first`, which are high themselves,
- * those on which somebody of `inside` puts a sample, and those on which forwards that something high reaches pass it
- * on (`passed`).
+ * Channels that may carry what is high, from one trust domain to another. Those of `first` are high themselves. On
+ * others somebody of `inside` puts a sample, or forwards that something high reaches pass it on (`passed`).
  */
 fun tainted[inside: set Enclave, passed: Enclave -> Channel, first, usable: set Channel,
             sending, receiving: TrustDomain]: set Channel {
@@ -33,7 +31,7 @@ fun tainted[inside: set Enclave, passed: Enclave -> Channel, first, usable: set 
 
 /**
  * What is high stays where it is said to be. Whoever gets it is `inside`, or one of the enclaves that have forwards
- * (`declared`) and pass on only what these say; and what the other forwards take in (`closed`) is not high.
+ * (`declared`) and pass on only what these say. What the other forwards take in (`closed`) is not high.
  */
 pred contained[inside, declared: set Enclave, passed, closed: Enclave -> Channel, first, usable: set Channel] {
 	all sending, receiving: TrustDomain |

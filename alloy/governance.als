@@ -4,8 +4,8 @@
  * The first domain rule that covers a domain decides about it, and of that rule the first topic rule that matches a
  * topic. Where none does, endpoints cannot be created: such channels are not governed, and nothing happens there.
  *
- * A trust domain whose governance could not be read is an *open* one (`open_trust_domain`): it governs everything,
- * controls nobody and protects nothing, since that is the worst that the document can say.
+ * A trust domain whose governance could not be read is an *open* one (`open_trust_domain`). It governs everything,
+ * controls nobody and protects nothing: that is the worst that the document can say.
  */
 module governance
 open documents

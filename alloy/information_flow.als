@@ -3,7 +3,7 @@
  *
  * A *participant* is an enclave, or the outsider. What a participant has received may be in anything that it sends
  * later, so data goes on wherever there is a next hop. A *hop* takes a sample of one channel from one participant to
- * another one; there are three routes, and an attacker opens the second and the third:
+ * another one. There are three routes, and an attacker opens the second and the third:
  *
  *   by right        the writer matches the reader, and each gives the other its keys
  *   imposed         one of `forgers` has its sample taken, by any identity whose key it has, or by readers' keys
@@ -13,17 +13,17 @@
  * outsider listens, which nobody can keep it from. *source*: those with whom the flow begins forge. *relays*:
  * everybody on the way does both, the outsider too; not `relay`, the right.
  *
- * A key adds to what its holder can do on the network and takes nothing away: an enclave that forges or eavesdrops
+ * A key adds to what its holder can do on the network and takes nothing away. An enclave that forges or eavesdrops
  * does so without any key as well, wherever the outsider could.
  *
- * That data cannot get from one place to another has a certificate: a compartment, a set of participants that holds
- * the beginning, that no hop leads out of, and that the end is not in. The Analyzer looks for one. If there is one, no
- * chain of hops of any length leads out; if there is none, the participants that can be reached are no compartment
- * because the end is among them. So the answer is exact, and costs a multiple of the number of hops, where the
- * transitive closure of the hops would cost the cube of the number of participants.
+ * That data cannot get from one place to another has a certificate: a compartment. This is a set of participants that
+ * holds the beginning and not the end, and that no hop leads out of. The Analyzer looks for one. If there is one, no
+ * chain of hops of any length leads out. If there is none, the participants that can be reached are no compartment,
+ * because the end is among them. So the answer is exact, and costs a multiple of the number of hops. The transitive
+ * closure of the hops would cost the cube of the number of participants.
  *
  * That data does get there has one too: a flow, hop by hop (`gets`, `hop`, `puts`). Each hop leads from a participant
- * that every compartment must hold to another one, and the last to the end, so that there is no compartment. Where
+ * that every compartment must hold to another such one. The last leads to the end, so there is no compartment. Where
  * keystore-audit expects a flow and can name one, this is asked, which takes the solver no choice.
  */
 module information_flow
@@ -37,7 +37,7 @@ fun in_any_guise[attackers: set Enclave + Outsider, each: Enclave -> Channel]: E
 	each + { e: attackers & Enclave, c: e.acts_as.each }
 }
 
--- What members of a trust domain have is written as what everybody has without what strangers have: in most keystores
+-- What members of a trust domain have is written as what everybody has, minus what strangers have. In most keystores
 -- these are none, and there may be a million rights (see `capabilities`).
 
 /** Everything of those who are not members of the trust domain. */
@@ -71,8 +71,8 @@ fun emits[trust_domain: TrustDomain]: Enclave -> Channel { writes_honestly[trust
 fun sends[sending, receiving: TrustDomain]: Enclave -> Channel { emits[receiving] - of_strangers[sending] }
 
 /**
- * Channels that a member's own implementation alone lets it read, which matters where peers run another one: what those
- * like it would not concede it, these may.
+ * Channels that a member's own implementation alone lets it read. This matters where peers run another one: they may
+ * concede what peers like it would not.
  */
 fun takes_alone[trust_domain: TrustDomain]: Enclave -> Channel {
 	{ e: in_trust_domain.(trust_domain & mixed), c: e.reads_alone }
@@ -95,8 +95,8 @@ fun imposes[forgers: set Enclave + Outsider, trust_domain: TrustDomain]: (Enclav
 }
 
 /**
- * Channels that each member of a trust domain reads if the writer attacks: whoever attacks gives its keys to anybody,
- * so that nothing binds the reader but its own implementation.
+ * Channels that each member of a trust domain reads if the writer attacks. An attacker gives its keys to anybody, so
+ * only its own implementation binds the reader.
  */
 fun heeds[trust_domain: TrustDomain]: Enclave -> Channel {
 	takes[trust_domain] + { e: in_trust_domain.trust_domain, c: e.reads_alone }
@@ -127,17 +127,17 @@ fun emits_alone[trust_domain: TrustDomain]: Enclave -> Channel {
 }
 
 /**
- * Channels of which samples of each participant are on the network, protected as the trust domain says: what it writes
- * by right, or, as a member, though honest readers refuse it, since who listens or attacks asks for no right; and what
- * it imposes.
+ * Channels of which samples of each participant are on the network, protected as the trust domain says. It writes them
+ * by right, or imposes them. Or, as a member, it writes though honest readers refuse it: who listens or attacks asks
+ * for no right.
  */
 fun exposes[forgers: set Enclave + Outsider, trust_domain: TrustDomain]: (Enclave + Outsider) -> Channel {
 	in_any_guise[forgers, emits[trust_domain] + emits_alone[trust_domain]] + imposes[forgers, trust_domain]
 }
 
 /**
- * Channels of which `eavesdroppers` learn what is on the network as the trust domain protects it: from packets that
- * anybody can read, with their keys, or because the trust domain gives them its own, as a reader's. What their own
+ * Channels of which `eavesdroppers` learn what is on the network as the trust domain protects it. They read packets
+ * that anybody can read, or use their keys, or keys that the trust domain gives them as readers. What their own
  * trust domain would have them refuse binds honest readers alone (`receives`, `takes`).
  */
 fun intercepts[eavesdroppers: set Enclave + Outsider, trust_domain: TrustDomain]: (Enclave + Outsider) -> Channel {
@@ -190,17 +190,17 @@ pred puts[putter: Enclave + Outsider, channels: set Channel, forgers, eavesdropp
 }
 
 /**
- * No flow from `source`, or from a sample of `first`, to `target`, or to a sample of `last`, over participants other
- * than `through`: `inside` is a compartment. Where a claim begins at channels `source` is empty, where at participants
- * `first`; likewise `target` and `last`. `usable`: channels that hops may take.
+ * `inside` is a compartment: nothing flows from `source` (or a sample of `first`) to `target` (or a sample of `last`)
+ * except over `through`. Where a claim begins at channels `source` is empty, where at participants `first`; likewise
+ * `target` and `last`. `usable`: channels that hops may take.
  *
  * `through` are gateways ("never, except through these"): data may come to them and is not followed any further, so
  * they need not be inside. That goes for who gets a sample of `first` too, and one who could put it on `last` counts
  * only if it is inside. An enclave of `source` is inside in any case, since the flow begins there.
  *
- * Hence the two conditions at the end. No hop leads from inside to anywhere else, nor to the target. An enclave that is
- * source and target at once (`home`) is inside, so of it another question is asked: whether anybody else inside has a
- * hop to it. What an enclave tells itself is no flow.
+ * So there are two conditions at the end. No hop leads from inside to anywhere else, nor to the target. An enclave that
+ * is source and target at once (`home`) is inside. So another question is asked of it: whether anybody else inside has
+ * a hop to it. What an enclave tells itself is no flow.
  */
 pred separated[inside, source: set Enclave + Outsider, first: set Channel, target: set Enclave + Outsider,
                last: set Channel, through: set Enclave, usable: set Channel,

@@ -1,9 +1,9 @@
 /**
- * What somebody without any key of the keystore can do who sees the packets of the network, and can send some
- * (DDS-Security 1.1, 8.1 and 9.5): read, learn names, inject, replay, and feign that others live.
+ * What somebody without any key of the keystore can do: read, learn names, inject, replay, and feign that others live.
+ * Such a one sees the packets of the network, and can send some (DDS-Security 1.1, 8.1 and 9.5).
  *
  * Each function is the set of channels where nothing stands in the way. Where unauthenticated participants are
- * allowed, which have no identity and no keys, their messages come in the clear, whatever protects those of the others
+ * allowed, they have no identity and no keys. Their messages come in the clear, whatever protects those of the others
  * (measured on Cyclone DDS).
  */
 module outsiders
@@ -38,8 +38,8 @@ fun unguarded: TrustDomain -> Channel { open_submessages & payload_protection[NO
 fun injectable_outside: TrustDomain -> Channel { unguarded & read_at_all }
 
 /**
- * Channels whose readers take an old sample for a new one from anybody: a payload that is protected for itself still
- * counts when the submessage around it, with its sequence number, is anybody's.
+ * Channels whose readers take an old sample for a new one from anybody. A payload with its own protection still counts
+ * when the submessage around it, with its sequence number, is anybody's.
  */
 fun replayable_outside: TrustDomain -> Channel { open_submessages & read_at_all }
 

@@ -2,16 +2,16 @@
  * What permissions documents grant (DDS-Security 1.1, 9.4.1.3 and 9.4.3).
  *
  * Of a document, one grant that names the certificate decides (`chosen`); of the grant, the first rule that matches;
- * else its default. A document is not bound to who carries it. Any enclave may present any document: peers look for
- * a grant that names the presenter, so the rights of an enclave are the union over all documents, not those of the
+ * else its default. A document is not bound to who carries it. Any enclave may present any document, and peers look for
+ * a grant that names the presenter. So the rights of an enclave are the union over all documents, not those of the
  * document in its folder.
  */
 module permissions
 open governance
 
 /**
- * The grants that count for a certificate, at most one of each document: the first that names it and is not skipped,
- * if it is in force. Some implementations skip grants out of date, others stop at one.
+ * The grants that count for a certificate, at most one of each document. It is the first that names the certificate and
+ * is not skipped, if it is in force. Some implementations skip grants out of date, others stop at one.
  */
 fun chosen: Certificate -> Grant {
 	let eligible = { g: Grant - (skipped_out_of_date - in_force), c: g.subject_name },
@@ -48,8 +48,8 @@ fun joining: Grant -> Domain {
 }
 
 /**
- * Grants that count for each enclave in a trust domain that obeys `documents`, whichever of these they are in: what it
- * can show, not what is in its folder (for that see `own_grant` in `claims`).
+ * Grants that count for each enclave in a trust domain that obeys `documents`, whichever of these they are in. That is
+ * what it can show, not what is in its folder (for that see `own_grant` in `claims`).
  */
 fun held[documents: set Document]: Enclave -> Grant {
 	{ e: Enclave, g: e.identity.chosen & documents.grant }
@@ -90,8 +90,8 @@ fun of_unknown_rights: set Enclave { AnythingGranted implies Enclave else anybod
 fun unbounded[trust_domain: TrustDomain]: set Enclave { of_unknown_rights + trust_domain.self_granting }
 
 /**
- * What peers in a trust domain concede to each enclave: rights of the kind `allowed`, by whatever it can present; to
- * one that issues itself identities, what is granted to anybody.
+ * What peers in a trust domain concede to each enclave: rights of the kind `allowed`, by whatever it can present. One
+ * that issues itself identities gets what is granted to anybody.
  */
 fun presentable[trust_domain: TrustDomain, allowed: Grant -> Channel]: Enclave -> Channel {
 	with_met[

@@ -1,11 +1,10 @@
 /**
  * How data goes where it must not: one datum on its way, hop by hop.
  *
- * This module has variable fields, which makes every command below it temporal, so it stands outside of the audit
+ * This module has variable fields, which makes every command below it temporal. So it stands outside of the audit
  * and is asked only about claims that are violated, for a path to report. An instance is a trace, and the Analyzer
- * tries short traces first: the first that it finds is a shortest path. The bound is complete: a shortest path
- * visits nobody twice, so that as many states as there are participants are enough, and one more in which the datum
- * rests.
+ * tries short traces first: the first that it finds is a shortest path. The bound is complete, since a shortest path
+ * visits nobody twice. As many states as there are participants are enough, and one more in which the datum rests.
  */
 module propagation
 open claims

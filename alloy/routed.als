@@ -3,7 +3,7 @@
  *
  * A *participant* has something and puts it out again (`session`: the processes in which its nodes run): it publishes,
  * asks, or answers. What it sends is about the keys of a *class*: those of one expression of a rule that no narrower one
- * has, so that of all that lets a message pass one class is meant. Whoever attacks goes without a file: what it sends
+ * has. So, of all that lets a message pass, one class is meant. Whoever attacks goes without a file: what it sends
  * may be wider (`wide`), and so may be what it asks for who listens (`heard`).
  *
  * Every process polices its own links, and decides by what it knows of the other end. Where something is possible it is

@@ -1,8 +1,8 @@
 /**
  * Words for sessions and routers that route by key expressions, as rmw_zenoh starts them. Read this first.
  *
- * Each *process* starts with a file: what it is (`mode`), whom it is linked to, and rules of what may come in from whom
- * and what may go out to whom. The generated module `network` has the atoms, and these relations between them:
+ * Each *process* starts with a file: what it is (`mode`), whom it is linked to, and its rules. These say what may come
+ * in from whom and what may go out to whom. The generated module `network` has the atoms, and these relations:
  *
  *   session          Participant -> Process      where its nodes run
  *   mode             Process -> Mode             what it is in the network; `brokering`: perhaps passes on between peers

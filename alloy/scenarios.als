@@ -3,7 +3,7 @@
  * right alone.
  *
  * Security that lets nothing through is no use, and a keystore in which the intended flow is impossible passes every
- * check. Here a run shows a scenario, and fairness makes a liveness property of it: what is permitted and wired, and
+ * check. Here a run shows a scenario, and fairness makes a liveness property of it. What is permitted and wired, and
  * stays so, happens at some time. Where a right is missing, the counterexample is a lasso: the command is never there.
  * Knowledge only grows, so that as many steps as there are enclaves, and one in which nothing is new, are complete.
  */
