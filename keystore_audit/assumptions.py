@@ -104,7 +104,7 @@ _WORDS: Final = {
 
 
 class Declaration(Struct, frozen=True, kw_only=True):
-    """That somebody takes it upon himself: settings say who, and why."""
+    """Who answers for it, and why: settings say so."""
 
     owner: str
     reason: str

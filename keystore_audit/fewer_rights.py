@@ -126,7 +126,7 @@ def _confirmed(
     return survives and (not able or _holding(systems, able, engines) >= frozenset(kept))
 
 
-# The keystore without some rights, as if its documents had been signed anew.
+# The keystore without some rights, as if its documents had been signed again.
 
 
 def _permissions(keystore: Keystore) -> Iterator[PermissionsFile]:

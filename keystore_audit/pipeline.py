@@ -369,7 +369,7 @@ def _checked(context: Context) -> Checked:
     meaning, keystore = context.meaning, context.keystore
     mixed = any(profile.others for profile in context.fleets)
     system = meaning.systems[0] if meaning.systems else None
-    return Checked(  # systems have certificates besides, for what is unread or elsewhere
+    return Checked(  # systems have further certificates, for what is unread or elsewhere
         certificates=len(certificates_of(keystore, context.at)) if system else 0,
         documents=len(system.documents) if system else 0,
         channels=len(system.channels) if system else 0,

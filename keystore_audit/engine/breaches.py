@@ -199,10 +199,10 @@ def _forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
     return tuple(names)
 
 
-# Whom Cyclone DDS takes grants for beside those whose subjects they tell: whoever has a subject of some of its parts.
+# Whom else Cyclone DDS takes a grant for: whoever has a subject of some of its parts.
 #
 # A grant of `CN=/robot/arm` names `CN=/robot` too. No keystore says whether its CA vouches for somebody of such a name
-# elsewhere, and for each grant there is one: `CN=/`, the enclave `/` of sros2, which nodes use that are given none. So
+# elsewhere. For each grant there is such a name: `CN=/`, the enclave `/` of sros2, for nodes that are given none. So
 # that is said beside a claim of who alone may publish, and violates it only where the keystore tells of one.
 
 _BETWEEN_PARTS: Final = re.compile("[,/|]")

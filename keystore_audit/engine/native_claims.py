@@ -237,7 +237,7 @@ def answer(system: System, claim: ClaimAtom, now: Claims, moment: int, decisions
 # Flows over time: what somebody got at one moment it may keep, and pass on at a later one (docs/model.md, Claims).
 #
 # Each engine decides each moment by itself. This is worked out natively alone, and only where no moment violates a
-# claim that must hold until a date; so what is said of several moments is the native engine's answer alone.
+# claim that must hold until a date. So an answer about several moments is the native engine's alone.
 
 MAX_AT_HAND: Final = 16
 """Moments whose flows are kept for the next claim; those of a large fleet take some ten megabytes each."""

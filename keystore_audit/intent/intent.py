@@ -13,9 +13,8 @@ from keystore_audit.given import GivenFile
 
 # ROS 2 names as people write them: what is fully qualified, and how the others become so.
 #
-# Sources: rmw's `validate_full_topic_name.c` and `validate_node_name.c` for what a name is, ROS 2 design article
-# "Topic
-# and Service names" and rcl's `expand_topic_name.c` for relative and private names. Lengths are not limited here.
+# What a name is: rmw's `validate_full_topic_name.c` and `validate_node_name.c`. Relative and private names: ROS 2
+# design article "Topic and Service names" and rcl's `expand_topic_name.c`. Lengths are not limited here.
 
 
 FULL_NAME: Final = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")

@@ -209,8 +209,8 @@ def read_certificate(der: bytes, line: int, path: str) -> Certificate | Defect:
         return _defect(path, Kind.CERTIFICATE_UNREADABLE, line, long)
     try:
         with warnings.catch_warnings():
-            # A serial number that is not positive and a name of no or more than 64 characters warn; both are evidence
-            # and no news for stderr.
+            # A serial number that is not positive warns, and so does a name of no or more than 64 characters. Both are
+            # evidence and no news for stderr.
             warnings.simplefilter("ignore", UserWarning)
             return _evidence(x509.load_der_x509_certificate(der), der, line, path)
     except MALFORMED:
@@ -223,7 +223,7 @@ def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Cer
     signed = parts(parsed.tbs_certificate_bytes, 7 if parsed.version is x509.Version.v3 else 6)
     signed = signed[1:] if signed[0][:1] == b"\xa0" else signed  # behind the version: RFC 5280, 4.1
     _serial, algorithm, issuer_der, _validity, subject_der, encoded_key = signed[:6]
-    subject, issuer = parsed.subject, parsed.issuer  # the library reads them anew each time, and warns each time
+    subject, issuer = parsed.subject, parsed.issuer  # the library reads them again each time, and warns each time
     key, key_kind = _key(parsed, encoded_key)
     extensions = parsed.extensions
     basic = extension_of(extensions, x509.BasicConstraints)

@@ -80,10 +80,10 @@ class SignedData(Struct, frozen=True, kw_only=True):
     problems: tuple[Problem, ...]
 
 
-# --- the structures. Three hints for `hazmat.asn1`: an optional TLV is refused, so an AlgorithmIdentifier is a TLV that
-# is read afterwards; OpenSSL does not sort the certificates, so they are a list although the standard says SET; what
-# counts byte for byte (names, signed attributes, certificates) is cut out of the structure once it has been parsed,
-# since cryptography before 50 cannot encode a TLV again.
+# --- the structures. Three hints for `hazmat.asn1`. An optional TLV is refused, so an AlgorithmIdentifier is a TLV that
+# is read afterwards. OpenSSL does not sort the certificates, so they are a list although the standard says SET. Names,
+# signed attributes and certificates count byte for byte. They are cut out of the parsed structure, since cryptography
+# before 50 cannot encode a TLV again.
 
 
 @asn1.sequence

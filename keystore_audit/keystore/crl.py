@@ -144,7 +144,7 @@ def read_revocation_list(block: Block, path: str) -> RevocationList | Problem:
 
 def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> RevocationList:
     """Look at every part, so that whatever is malformed raises here and not in a rule."""
-    issuer = parsed.issuer  # the library reads it anew each time, and warns each time
+    issuer = parsed.issuer  # the library reads it again each time, and warns each time
     critical = set(unknown_critical(parsed.extensions, _PROCESSED))
     entries: dict[int, bool] = {}  # by serial number; of several entries the first decides (x_crl.c, def_crl_lookup)
     listed: set[int] = set()

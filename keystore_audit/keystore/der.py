@@ -109,8 +109,8 @@ def content_of(structure: bytes, position: int) -> tuple[int, int]:
     return start, start + length
 
 
-# --- values of the universal types (X.690), where a structure leaves the type open (ANY): OpenSSL decodes such a value
-# and encodes it again before it hashes or compares, and refuses what is malformed; `cryptography` hands it out unseen
+# --- values of the universal types (X.690), where a structure leaves the type open (ANY). OpenSSL decodes such a value
+# and encodes it again before it hashes or compares, and refuses a malformed one. `cryptography` hands it out unseen.
 
 MAX_ELEMENTS: Final = 10_000
 """Elements of one structure that are looked at: a certificate has about 60."""

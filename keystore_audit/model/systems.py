@@ -356,7 +356,7 @@ class SystemBuilder:
             governance=number.get((reading, place)) if place else None,
             revoked=revoked if may or not unread else frozenset(range(len(self._certificates))),
             list_unread=may and unread,
-            # Whether implementations of two kinds finish a handshake with each other hangs on more than is known.
+            # Whether implementations of two kinds finish a handshake with each other depends on more than is known.
             told=None if may and kinds > 1 else self._views.told(enclave, trust) * kinds + reading,
             revoked_later=self._views.revoked_later(enclave, trust, self.instants),
             reading=reading,

@@ -142,7 +142,7 @@ class EnclaveTable(Table, frozen=True, kw_only=True):
 
 
 class AssumptionTable(Table, frozen=True, kw_only=True):
-    """An `[[assumption]]` that somebody takes upon himself."""
+    """An `[[assumption]]` that somebody answers for."""
 
     name: Assumption
     owner: Text

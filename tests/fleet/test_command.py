@@ -268,8 +268,8 @@ def test_a_process_that_is_killed_loses_its_keystore_alone(large_fleet: Path, tm
     document = summary(tmp_path / "out")
     lost = [row for row in document["keystores"] if row["verdict"] is None]
     assert (running.returncode, len(lost), len(document["keystores"])) == (4, 1, 150)
-    assert "ended before its time" in lost[0]["error"]
-    assert b"ended before its time" in err
+    assert "ended early" in lost[0]["error"]
+    assert b"ended early" in err
     assert len(list((tmp_path / "out").rglob("report.json"))) == 149
 
 

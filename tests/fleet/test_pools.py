@@ -49,9 +49,9 @@ def test_processes_are_kept_and_work_where_this_one_does(tmp_path: Path, monkeyp
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (work.end_at_three, "ended before its time"),
-        (work.leave_at_three, "ended before its time"),
-        (work.end_amid_the_answer, "ended before its time"),
+        (work.end_at_three, "ended early"),
+        (work.leave_at_three, "ended early"),
+        (work.end_amid_the_answer, "ended early"),
         (work.fail_at_three, "MemoryError"),
         (work.unsendable_at_three, "could not be carried out"),
     ],

@@ -99,11 +99,8 @@ class Anomaly(Struct, frozen=True, kw_only=True):
 
 # The names of one document in classes: the quick way for what people write, `atoms.classify` for the rest.
 #
-# Expressions with one `*` at most lie inside one another or apart, most often. Their classes then need no automaton:
-# a
-# literal is one, and of an expression with a `*` what no narrower one takes, of which there are always infinitely
-# many
-# names.
+# Expressions with one `*` at most lie inside one another or apart, most often. Their classes then need no automaton: a
+# literal is one. Of an expression with a `*` it is what no narrower one takes: always infinitely many names.
 
 
 _TIERS: Final = (64, 512, 2_048)

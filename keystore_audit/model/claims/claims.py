@@ -101,8 +101,8 @@ def with_claims(
     `usability`: by directory and profile, as in `Meaning`, and `usabilities` at later instants. For claims that rest on
     who starts.
 
-    Raises errors.UsageError for a claim of something that is not in the keystore: it would hold for want of it. Not
-    `checked` where it is known from another keystore.
+    Raises errors.UsageError for a claim of something that is not in the keystore: it would hold since that is missing.
+    Not `checked` where it is known from another keystore.
     """
     if not claims or not systems:
         return tuple(systems)

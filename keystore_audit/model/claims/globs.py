@@ -78,8 +78,7 @@ def topic_regions(topics: tuple[str, ...]) -> tuple[ReadRegion, ...]:
 # Which participants of a system users mean who name enclaves by globs.
 #
 # Unmanaged identities have no path, so that no pattern of paths catches them, whatever their subject says. They are
-# meant
-# where everybody is.
+# meant where everybody is.
 
 
 def means_everybody(glob: str) -> bool:

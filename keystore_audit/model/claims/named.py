@@ -90,11 +90,9 @@ def _atom(place: NamedPlace, system: System, channels: Channels, known: set[str]
 
 # Subjects that grants name and no enclave here has: whoever has such an identity may present the grant.
 #
-# The keystore of one robot holds its own enclaves; its authorities vouch for those of others too, and peers take a
-# document from whoever has a subject that it names. So each such subject becomes a certificate that no enclave has.
-# It
-# is there for claims of who alone may do something, or learns something, and takes part in no flow: nobody knows what
-# it
+# The keystore of one robot holds its own enclaves; its authorities vouch for those of others too. Peers take a document
+# from whoever has a subject that it names. So each such subject becomes a certificate that no enclave has. It is there
+# for claims of who alone may do something, or learns something, and takes part in no flow: nobody knows what it
 # forwards.
 
 

@@ -38,10 +38,9 @@ from keystore_audit.profiles import Access, Matcher, Profile
 
 # What sros2 grants for a policy: the rules that its permissions.xsl writes for one enclave.
 #
-# First a deny rule with everything denied, then an allow rule with everything allowed, each for publishing and for
-# subscribing, in the default partition; at last `ros_discovery_info` both ways, which every DDS implementation of ROS
-# 2
-# needs; the default is DENY. The domain is that of whoever signs (ROS_DOMAIN_ID), so that here it is every one.
+# First a deny rule with everything denied, then an allow rule with everything allowed, in the default partition. Each
+# is for publishing and for subscribing. Last comes `ros_discovery_info` both ways, which every DDS implementation of
+# ROS 2 needs. The default is DENY. The domain is that of whoever signs (ROS_DOMAIN_ID), so here it is every one.
 
 
 _NO_DATE: Final = Text(text="", line=None)

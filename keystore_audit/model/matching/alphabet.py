@@ -215,7 +215,7 @@ def _step(place: _Place, character: str) -> _Place | None:
         return None
     if suffix and progress < len(suffix) and character == suffix[progress]:
         return suffix, progress + 1
-    # No suffix begins again within itself, so a broken one can only begin anew with this character.
+    # No suffix begins again within itself, so a broken one can only start over with this character.
     return suffix, int(bool(suffix) and character == suffix[0])
 
 

@@ -65,8 +65,8 @@ class _Brackets:
     def __init__(self, text: str, *, escapes: bool) -> None:
         self._text = text
         self._escapes = escapes
-        # Places from which items run to the end of the text, so that `[[:alpha:][[:alpha:]…` is not scanned to its end
-        # for every `[`; and a place behind which no `]` follows. A text that may kill its brackets is always scanned.
+        # Places from which items run to the end of the text: `[[:alpha:][[:alpha:]…` is not scanned again for every
+        # `[`. Also a place behind which no `]` follows. A text that may kill its brackets is always scanned.
         self._unclosed: set[int] = set()
         self._last_close = len(text) if text.endswith("-") or "[." in text else text.rfind("]")
         self.undefined = False
@@ -251,18 +251,13 @@ def _brackets(text: str, place: int) -> tuple[Single, int, str | None]:
 # Expressions as OpenDDS reads them: ACE::wild_match, case-sensitive and with brackets.
 #
 # Read in ACE.cpp of ACE_TAO, measured on the library of ACE 7.0.8 by tests/oracles/fnmatch/test_libraries.py; that
-# OpenDDS
-# calls it so is read in its AccessControlBuiltInImpl.cpp. A backslash escapes outside of brackets. In brackets `!`
-# negates, a first `]` stands for itself, there are no character classes, and the `-` of a range that does not end
-# behind
-# its beginning is left out: `[z-a]` is z or a.
+# OpenDDS calls it so is read in its AccessControlBuiltInImpl.cpp. A backslash escapes outside of brackets. In brackets
+# `!` negates, a first `]` stands for itself, and there are no character classes. A range that does not end behind its
+# beginning loses its `-`: `[z-a]` is z or a.
 #
-# What is special is how it searches: behind a `*` it takes the text up to the next one at the first place where it
-# fits,
-# and where that fails halfway it goes on behind the character that did not fit, instead of from the place after the
-# one
-# where it began. At the end of the text it does the same. So `*ab` does not match `aab`, nor `*_tf` the name
-# `a_tf_tf`.
+# Its search is special. Behind a `*` it takes the text up to the next one at the first place where it fits. Where that
+# fails halfway it goes on behind the character that did not fit, not from the place after the one where it began. At
+# the end of the text it does the same. So `*ab` does not match `aab`, nor `*_tf` the name `a_tf_tf`.
 
 
 _WHO: Final = doing("matcher", Matcher.SINGLE_TRY)

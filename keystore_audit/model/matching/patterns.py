@@ -15,15 +15,12 @@ from keystore_audit.profiles import Matcher
 
 # Which classes of partitions an endpoint is met in whose partition is a pattern.
 #
-# To permissions the partition of an endpoint is a plain string; to matching it is a pattern, which meets all names
-# that
-# it matches (DDS 1.4, 2.2.3.13; measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1). So whoever may be in a class of
-# partitions that holds the string `*` meets everybody. Which classes meet is exact for `*` and `?`: a walk through
-# the
-# pairs of a pattern and a name that it matches. Brackets are taken to match any one character, a character behind a
-# backslash is that character, and two patterns are taken to meet if one matches the other as a text: more may meet
-# then
-# than do, never fewer.
+# To permissions the partition of an endpoint is a plain string. To matching it is a pattern, which meets all names
+# that it matches (DDS 1.4, 2.2.3.13; measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1). So who is allowed in a class
+# of partitions that holds the string `*` meets everybody. Which classes meet is exact for `*` and `?`: a walk through
+# the pairs of a pattern and a name that it matches. Brackets are taken to match any one character, and a character
+# behind a backslash is that character. Two patterns are taken to meet if one matches the other as a text. More may meet
+# then than do, never fewer.
 
 
 EVERY_PARTITION: Final = "*"

@@ -109,7 +109,7 @@ def _authority_refusals(enclave: Enclave, trust: Trust) -> Iterator[str]:
         read = authorities_read(file, trust)
         unknown = trust.ca_algorithms is not None and read[0].signature_algorithm not in trust.ca_algorithms
         if unknown or (trust.strict_authorities and not any(each.sha256 == file.first.sha256 for each in read)):
-            # Strictly, the first certificate is verified, and one that was left out has been freed before: that this
+            # Strictly, the first certificate is verified, and one that was left out has been freed before. That this
             # fails is read, and seen of the same calls on OpenSSL 3.0, not measured on Fast DDS.
             yield f"{_LOADS_NONE} {file.first.signature_algorithm} ({file.file.place})"
         refusal = strict_refusal(file.first) if trust.strict_authorities else None

@@ -143,7 +143,7 @@ class _Search:
             tuple(reader.names for reader in readers),
             tuple((grant.rules, grant.default_allow) for grants in read for grant in grants),
         )
-        if any(len(grants) != 1 for grants in read):  # which of them counts hangs on the enclave
+        if any(len(grants) != 1 for grants in read):  # which of them counts depends on the enclave
             return tuple(_compared(enclave, readers, self._accesses, self._at))
         if key not in self._known:
             self._known[key] = tuple(_compared(enclave, readers, self._accesses, self._at))

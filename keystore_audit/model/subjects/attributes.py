@@ -52,9 +52,8 @@ def _compactly(octet: int) -> str:
 
 # Subjects as OpenDDS prints and compares them (Certificate.h, SubjectName.cpp; read).
 #
-# A certificate's is printed as `openssl x509 -nameopt oneline` does, from the first relative name to the last, and
-# parsed
-# like the text of a grant: relative names in order, each a set of attributes. RFC 2253 has the order of DNs reversed.
+# A certificate's is printed as `openssl x509 -nameopt oneline` does, from the first relative name to the last. It is
+# parsed like the text of a grant: relative names in order, each a set of attributes. RFC 2253 reverses their order.
 
 
 RelativeNames = tuple[frozenset[tuple[str, str]], ...]

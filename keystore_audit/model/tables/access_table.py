@@ -31,8 +31,7 @@ from keystore_audit.truth import Bounds, Truth
 
 # The names that a keystore's documents tell apart, each class by a witness, for tables that people read.
 #
-# Unlike channels (`model.channels`), names are not merged where no rule tells them apart: a topic that a document
-# lists
+# Unlike channels (`model.channels`), names are not merged where no rule tells them apart: a topic that a document lists
 # keeps a place of its own.
 
 

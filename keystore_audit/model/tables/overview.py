@@ -36,8 +36,7 @@ from keystore_audit.profiles import Profile
 # Who vouches for whom: the certificates of a keystore, what each issued and which documents each signed.
 #
 # Names and signatures alone count here, as in `CertificateAtom.issuers`; whether a run time accepts a chain at an
-# instant
-# is `model.trust.verdicts`'s and the properties' question.
+# instant is `model.trust.verdicts`'s and the properties' question.
 
 
 class IssuedCertificate(Struct, frozen=True, kw_only=True):
