@@ -86,7 +86,7 @@ def create(
     accepted = [_suppression(entry, finding, chosen) for finding in found if acceptable(finding)]
     text = written(accepted)
     if len(text.encode()) > MAX_BASELINE_BYTES:
-        raise UsageError(f"{len(accepted)} findings are more than a baseline holds: fix some, or see --min-severity.")
+        raise UsageError(f"{len(accepted)} findings are too many for a baseline: fix some, or see --min-severity.")
     return Created(
         text=text,
         accepted=len(accepted),

@@ -146,12 +146,12 @@ class Checker:
             raise Refused("the certificate is about another property")
         names = [name for each in certificate.compartments for name in each.profiles]
         if sorted(names) != sorted(self._given.profiles):
-            raise Refused("the certificate has not one compartment for each implementation that was asked about")
+            raise Refused("the certificate lacks exactly one compartment for each implementation that was asked about")
         for compartment in certificate.compartments:
             for implementation in dict.fromkeys(map(self.implementation, compartment.profiles)):
                 implementation.check(compartment)
         if content != encoded(self.certificate(certificate.compartments)):
-            raise Refused("the certificate is not in its one form, or a document is not the one that it names")
+            raise Refused("the certificate is not in canonical form, or a document is not the one that it names")
 
     def certificate(self, compartments: tuple[Compartment, ...]) -> Certificate:
         """The one of these compartments."""
@@ -252,14 +252,14 @@ class Implementation(ABC):
         """Accepts the compartment, or raises Refused."""
         inside = {*found.participants}
         if not self.source <= inside <= self.source | self.free:
-            raise Refused("who is inside is not all from whom it begins, or somebody who must not be, or nobody here")
+            raise Refused("the compartment lacks a source, or holds somebody who must not be inside or is not here")
         wanted, told = self.compartment(inside), {*found.refused}
         for each in wanted.refused:
             if each not in told:
                 place = _told(each.peers, each.domain, each.topic)
-                raise Refused(f"no reason, or none that is true, why {each.participant} takes no part in {place}")
+                raise Refused(f"there is no true reason why {each.participant} takes no part in {place}")
         if msgspec.structs.replace(wanted, profiles=found.profiles) != found:
-            raise Refused("the compartment holds other names than those inside put something on, or idle reasons")
+            raise Refused("the compartment's names are not those that its members use, or it gives unneeded reasons")
 
 
 class Flow(Implementation):

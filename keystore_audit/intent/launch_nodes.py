@@ -135,9 +135,9 @@ class Nodes:
         self._unresolved[Unresolved(location=location, reason=reason)] = None
 
     def speaking(self, location: Location, word: str) -> bool:
-        """Note that what is not read speaks of security by this word, if there is one."""
+        """Note that what is not read mentions security by this word, if there is one."""
         if word:
-            said = f"What is not read here speaks of {word}: whether it changes security cannot be told"
+            said = f"What is not read here mentions {word}: whether it changes security cannot be told"
             self._speaking[Unresolved(location=location, reason=said)] = None
         return word != ""
 

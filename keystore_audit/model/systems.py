@@ -155,8 +155,8 @@ class SystemBuilder:
         may = self.build(fleet, may=True)
         if len(may.trust_domains) * len(may.enclaves) > MAX_JUDGED:
             raise BudgetExceeded(
-                f"{len(may.trust_domains)} ways to trust are too many for {len(may.enclaves)} participants, each of "
-                f"whom each judges (limit {MAX_JUDGED} pairs)."
+                f"{len(may.trust_domains)} trust domains are too many for {len(may.enclaves)} participants, since each "
+                f"judges each (limit {MAX_JUDGED} pairs)."
             )
         doubt = may.has_doubt or may.mixed or self._narrowed or any(self._trust_domain_doubts)
         return (may, self.build(fleet, may=False)) if doubt else (may,)

@@ -158,7 +158,7 @@ def test_names_that_two_files_give_cannot_stand_in_one_model(
 @pytest.mark.parametrize(
     ("sample", "why"),
     [
-        ("flows/chatter_linked_away_enclave", "nobody knows what it is called"),
+        ("flows/chatter_linked_away_enclave", "the name of one enclave is unknown"),
         ("flows/chatter_unreadable_enclave", "it depends on what is in enclaves/listener/permissions.p7s"),
     ],
 )

@@ -125,7 +125,7 @@ class TestNeighbours:
         root = Store(members={f"/e{number}": member for number, member in enumerate(each)}).write(tmp_path)
         seen = overview_of(root, ("spec",))[1]
         assert seen.neighbourhoods == ()
-        assert seen.undrawn.startswith(f"{count} ways to trust are too many")
+        assert seen.undrawn.startswith(f"{count} trust domains are too many")
         assert seen.access is not None
 
 

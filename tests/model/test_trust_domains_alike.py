@@ -232,5 +232,5 @@ def test_more_pairs_than_the_budget_are_no_answer(
     each = [governance(domain_rule(topic_rule(f"rt/{name}", data="NONE"), topic_rule())) for name in "abc"]
     report = told(store(a=signed(each[0]), b=signed(each[1]), c=signed(each[2])).write(tmp_path))
     assert report["exit_code"] == code
-    said = any("3 ways to trust are too many for 3 participants" in each["message"] for each in report["findings"])
+    said = any("3 trust domains are too many for 3 participants" in each["message"] for each in report["findings"])
     assert said is (code == 4)

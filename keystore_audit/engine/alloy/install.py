@@ -95,7 +95,7 @@ def find(
     if cached.exists():
         return Engine(java=java, jar=cached, version=VERSION)
     if offline or ci:
-        reason = "--offline forbids fetching it" if offline else "it is not fetched unasked where CI is set"
+        reason = "--offline forbids fetching it" if offline else "it is not fetched by itself where CI is set"
         raise EngineMissing(f"The Alloy Analyzer {VERSION} is not at {cached}, and {reason}. {_INSTALL_HINT}")
     return Engine(java=java, jar=install(None, progress, environment=environment), version=VERSION)
 

@@ -177,7 +177,7 @@ def _answer(asked: Asked, system: System, found: Mapping[str, bool], solutions: 
         reason = "what the file says contradicts what the keystore says, so that everything would be true"
         return Told(status=Status.UNKNOWN, reason=reason)
     if any(place.unread for place in system.places):
-        reason = "the file names enclaves, and there is one of which nobody knows what it is called"
+        reason = "the file names enclaves, and the name of one enclave is unknown"
         return Told(status=Status.UNKNOWN, reason=reason)
     if found[asked.name] == asked.instance:
         return Told(status=Status.HOLDS, vacuous=not found.get(run_of(asked), True))

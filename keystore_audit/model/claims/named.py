@@ -96,7 +96,7 @@ def _atom(place: NamedPlace, system: System, channels: Channels, known: set[str]
 # forwards.
 
 
-UNREAD_IDENTITY = "somebody whom a document names that could not be read"
+UNREAD_IDENTITY = "somebody named by a document that could not be read"
 """The subject that stands for all that are named there."""
 
 

@@ -363,7 +363,7 @@ def overview(
         access=table,
         allowances={each.path: tuple(_allowances(each, shown, built, table)) for each in keystore.enclaves},
         neighbourhoods=() if many else neighbourhoods(system, window, ambient, MAX_NEIGHBOURHOODS),
-        undrawn=f"{len(system.trust_domains)} ways to trust are too many to hold each enclave against each."
+        undrawn=f"{len(system.trust_domains)} trust domains are too many to compare each enclave with each."
         if many
         else "",
         ambient=ambient,
