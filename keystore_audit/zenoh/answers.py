@@ -24,20 +24,20 @@ from keystore_audit.zenoh.names import MAX_RIGHTS, written_names
 from keystore_audit.zenoh.network import Network, Process, is_session
 
 MAX_WIDE: Final = 20
-"""Expressions of rules that an attacker is tried with; whether one of the others passes is not certain then."""
+"""Expressions of rules that an attacker is tried with. Whether one of the others passes is then uncertain."""
 
 _PUT, _SUBSCRIBE, _QUERY, _REPLY, _SERVE = Kind.PUT, Kind.SUBSCRIBE, Kind.QUERY, Kind.REPLY, Kind.SERVE
 Passing = tuple[tuple[Kind, bool], ...]
-"""What has to pass: kinds of messages, away from whoever does it or back."""
+"""What has to pass: kinds of messages, away from the acting side or back to it."""
 EFFECTIVE: Final[Mapping[str, Passing]] = {
     "publish": ((_PUT, True), (_SUBSCRIBE, False)),
     "subscribe": ((_SUBSCRIBE, True), (_PUT, False)),
     "request": ((_QUERY, True), (_SERVE, False)),
     "reply": ((_SERVE, True), (_QUERY, False), (_REPLY, True)),
 }
-"""By operation what has to pass. A query runs a service, whoever hears the reply."""
+"""By operation what has to pass. A query runs a service, even if nobody hears the reply."""
 PASSING: Final = {**EFFECTIVE, "request": (*EFFECTIVE["request"], (_REPLY, False))}
-"""The same where whoever does it wants the reply."""
+"""The same where the acting side wants the reply."""
 SENDING: Final = ("publish", "request")
 """The operations that put something into what others hear."""
 
@@ -78,19 +78,19 @@ class Reached(Struct, frozen=True):
 
 
 class RoutedAnswer(Struct, frozen=True):
-    """What becomes of an operation with the enclave's own file, and without it; of an action, what is least of it."""
+    """What becomes of an operation with the enclave's own file, and without it; of an action, the worst of it."""
 
     works: Reached
     could: Reached
 
     @property
     def decided(self) -> str:
-        """The first in a word, as `model.question` has it."""
+        """The answer with its own file, in a word, as `model.question` has it."""
         return WORDS[self.works.truth]
 
     @property
     def accepted(self) -> str:
-        """The second."""
+        """The answer without it."""
         return WORDS[self.could.truth]
 
 
@@ -123,8 +123,8 @@ class RoutedRight(Struct, frozen=True, kw_only=True):
 
 
 class RoutedTable(Struct, frozen=True, kw_only=True):
-    """All rights of topics and services that permissions and rules name. `patterns`: what they write that is no one
-    name. `doubts`: why nothing is denied for certain.
+    """All rights of topics and services that permissions and rules name. `patterns`: what they write that names more
+    than one. `doubts`: why nothing is denied for certain.
     """
 
     domain: int
@@ -201,7 +201,7 @@ class Rights:
         return (*self._network.doubts, *unseen)
 
     def answer(self, enclave: Enclave, operation: str, name: str, domain: int, release: Release) -> RoutedAnswer:
-        """Whether it works with its own file and some other that accepts it, and whether it would without its own."""
+        """Whether it works with its own file and another that accepts it, and whether it would without its own."""
         asked = channels(operation, name, domain)
         return RoutedAnswer(
             _least(self.works(enclave, role, key, release) for role, key in asked),
@@ -305,12 +305,12 @@ def routed_table(
 
 @lru_cache(maxsize=1)
 def rights_in(network: Network) -> Rights:
-    """Those in a network, whose links all that ask in one audit share."""
+    """The rights in a network. All who ask in one audit share its links."""
     return Rights(network)
 
 
 def _told(truth: Truth, way: Way, tie: Tie, messages: Sequence[Message], release: Release) -> Reached:
-    """With the decision on that link: whose file, which line."""
+    """With the decision on that link: whose file, and which line."""
     process, decision = tie.decisive(messages, release)
     return Reached(truth, way, process.at(decision.line), decision.reason)
 

@@ -112,7 +112,7 @@ class Configuration(Struct, frozen=True, kw_only=True):
 
     @property
     def seeks(self) -> bool:
-        """Whether it connects to whoever is announced to it: peers do, by gossip and by multicast."""
+        """Whether it connects to announced processes: peers do, by gossip and by multicast."""
         return self.mode is Mode.PEER and (self.multicast or (self.gossip and bool(self.connects)))
 
     @property

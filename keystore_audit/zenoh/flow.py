@@ -56,7 +56,7 @@ class Keys(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Sent(Struct, frozen=True, kw_only=True, eq=False):
-    """What is sent, of the classes `texts`: what whoever sends asks for or puts out, what comes of it, and what replies
+    """What is sent, of the classes `texts`: what the sender asks for or puts out, what comes of it, and what replies
     are about.
     """
 
@@ -78,8 +78,8 @@ def _alike(process: Process, keys: Keys) -> tuple[tuple[Key, int], ...]:
 
 
 class Walks:
-    """Searches over hops that there may be, or (`certain`) that there are, while these attack: they listen, and so does
-    the outsider.
+    """Searches over hops that are possible, or (`certain`) certain, while these attack. They listen, and so does the
+    outsider.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class Walks:
         return found
 
     def _sent_by(self, does: str, topics: tuple[str, ...], attack: bool, heard: bool) -> tuple[Sent, ...]:
-        """What messages are about, as those choose who attack (`attack`: the sender, `heard`: the receiver)."""
+        """What messages are about, as attackers choose it (`attack`: the sender, `heard`: the receiver)."""
         classes = self._flows.classes(does, topics, self._ambient)
         apart = apart_from(does, topics, ambient=self._ambient)
         if not self._certain:
@@ -205,7 +205,7 @@ class Walks:
 
     @cached_property
     def _heard(self) -> list[tuple[Participant, Tie]]:
-        """The links on which somebody listens without a file: its own, and perhaps any without TLS, on the wire."""
+        """The links on which somebody listens without a file: its own, and perhaps on the wire any without TLS."""
         links, ends = self._flows.rights.links, {each: {m: _nobody(m) for m in Mode} for each in self.listening}
         found = [
             (
@@ -232,7 +232,7 @@ class Walks:
 
     @cached_property
     def _ears(self) -> Mapping[int, Sequence[Tie]]:
-        """The same by process, as its own."""
+        """The same by process: the attacker's links to it, as its own."""
         return gathered((id(tie.near), tie) for _who, tie in self._heard)
 
     @cached_property
@@ -247,7 +247,7 @@ def _nobody(mode: Mode) -> Process:
 
 
 def walks(flows: NetworkFlows, asked: Question, release: Release, *, certain: bool) -> Walks:
-    """Those for a question: questions with the same attackers share what they look at."""
+    """The searches for a question; questions with the same attackers share what they compute."""
     unseen = () if certain else (each for each in flows.participants if each.unseen)
     return _walks(flows, frozenset((*asked.attacking, *unseen)), release, ambient=asked.ambient, certain=certain)
 
@@ -256,7 +256,7 @@ _walks: Final = lru_cache(maxsize=16)(Walks)
 
 
 def found(flows: NetworkFlows, asked: Question, release: Release) -> tuple[Truth, tuple[Hop, ...]]:
-    """Whether something gets there, and how it does, or may. It never does not where something is in doubt.
+    """Whether something gets there, and how it does, or may. With any doubt, the answer is never a certain no.
 
     Raises BudgetExceeded for too many processes or expressions of rules.
     """
@@ -270,10 +270,10 @@ def found(flows: NetworkFlows, asked: Question, release: Release) -> tuple[Truth
 
 
 def published(flows: NetworkFlows, asked: Question, release: Release) -> tuple[Truth, tuple[Hop, ...]]:
-    """Whether somebody's samples on topics of the target are taken who is none of the source, and whose.
+    """Whether somebody outside the source has samples accepted on topics of the target, and who.
 
-    Where the source is empty: whether those of more than one are. Whoever passes them on alone is not asked, nor who
-    takes them and attacks. Raises as `found`.
+    Where the source is empty: whether more than one do. Who only passes samples on is not asked about, nor who accepts
+    them and attacks. Raises as `found`.
     """
     flows.check_size()
     started = flows.network.started

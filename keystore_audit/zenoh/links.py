@@ -24,7 +24,7 @@ from keystore_audit.zenoh.network import CONNECTING, LISTENING, Network, Process
 
 
 class Message(Struct, frozen=True):
-    """A message that has to pass, away from whoever asks or back to it."""
+    """A message that has to pass, away from the asker or back to it."""
 
     kind: Kind
     away: bool
@@ -32,7 +32,7 @@ class Message(Struct, frozen=True):
 
 
 _INTERESTS: Final = (Kind.SUBSCRIBE, Kind.SERVE, Kind.TOKEN_SUBSCRIBE)
-"""Messages that tell of a receiver, and go the other way than what it receives."""
+"""Messages that announce a receiver; they go the opposite way of what it receives."""
 
 
 class Tie(Struct, frozen=True, kw_only=True):
@@ -50,7 +50,7 @@ class Tie(Struct, frozen=True, kw_only=True):
     sure: Truth
 
     def crossed(self, messages: Sequence[Message], release: Release) -> Truth:
-        """Whether all of them pass."""
+        """Whether all messages pass."""
         found = self.sure
         for _process, decision in self._decisions(messages, release):
             found = all_of((found, decision.truth))
@@ -59,11 +59,11 @@ class Tie(Struct, frozen=True, kw_only=True):
         return found
 
     def decisive(self, messages: Sequence[Message], release: Release) -> tuple[Process, Decision]:
-        """What stands in the way of one of them, and in whose file; else what lets the first pass."""
+        """What stops one of them, and in whose file; else what lets the first pass."""
         return min(self._decisions(messages, release), key=lambda each: OBSTACLES.index(each[1].truth))
 
     def judges(self, kind: Kind, away: bool) -> Iterator[tuple[Process, Remote, Flow]]:
-        """Who decides about such a message, and of whom: nobody where it need not pass at all."""
+        """Who decides about such a message, and of whom; nobody where it need not pass at all."""
         ends = (self.mode, self.far.says.mode)
         sender, receiver = reversed(ends) if away else ends
         unasked = sender is Mode.CLIENT or (sender is Mode.PEER and receiver is Mode.ROUTER)
@@ -91,7 +91,7 @@ def decided(process: Process, remote: Remote, kind: Kind, flow: Flow, key: Key, 
 
 
 OBSTACLES: Final = (Truth.NO, Truth.UNKNOWN, Truth.YES)
-"""What is told of several answers all of which have to be yes: the first of these."""
+"""How several answers that all have to be yes are told: as the first of these."""
 
 
 class Links:
@@ -102,7 +102,7 @@ class Links:
         self.attacks = cache(self._attacked)
 
     def of(self, process: Process) -> tuple[Tie, ...]:
-        """Those of a process, which is their near end."""
+        """The links whose near end is this process."""
         return self._ties.get(id(process), ())
 
     @cached_property
@@ -117,9 +117,9 @@ class Links:
         )
 
     def _attacked(self, who: Enclave | Process | None) -> tuple[Tie, ...]:
-        """The links that somebody with the enclave's key, and without its file, can have; None: with no key at all.
+        """The links that a holder of the enclave's key can have without its file; None: without any key.
 
-        It has those of all enclaves of the same key. Of a process of no enclave, whoever is in its place.
+        They are those of all enclaves of the same key. Of a process of no enclave, whoever takes its place.
         """
         key = who.identity.key if isinstance(who, Enclave) and who.identity is not None else None
         owners = self._network.named.owners.values()
@@ -166,8 +166,8 @@ class Links:
                 yield from (Tie(near=None, mode=mode, far=process, seen=seen, sees=seen, sure=there) for mode in Mode)
 
     def _sought(self, process: Process, certificate: Certificate | None) -> Iterator[Tie]:
-        """The links that a process makes itself, to whoever announces an address (measured). By multicast that is
-        anybody; by gossip it is who has a link to one that passes it on.
+        """The links that a process makes itself, to any announced address (measured). By multicast anybody can
+        announce; by gossip only a process with a link to one that passes it on can.
         """
         says = process.says
         if not says.seeks or (certificate is None and not says.multicast):
@@ -235,7 +235,7 @@ class Links:
     def _shaken(
         self, one: Process, end: Endpoint | None, other: Process, their: Endpoint
     ) -> tuple[Remote, Remote, Truth]:
-        """What whoever connects knows of the other and the other of it, and whether there is a link at all."""
+        """What the connecting side knows of the other, what the other knows of it, and whether there is a link."""
         if their.protocol not in SECURED:
             both = Remote(None, their.protocol, free=their.multicast)
             return both, both, Truth.YES if their.protocol in PROTOCOLS else Truth.UNKNOWN
@@ -275,7 +275,7 @@ def alternative_names(certificate: Certificate) -> tuple[str, ...]:
 
 
 def fits(connecting: Endpoint, listening: Endpoint) -> Truth:
-    """Whether one address leads to the other: of one host by all names that are known here, for certain."""
+    """Whether one address leads to the other; certain only if both have one host by all names that are known here."""
     if (connecting.protocol, connecting.port) != (listening.protocol, listening.port):
         return Truth.NO
     alike = connecting.host == listening.host or (connecting.loopback and listening.loopback)

@@ -48,7 +48,7 @@ T = TypeVar("T")
 
 
 class Process(Struct, frozen=True, kw_only=True, eq=False):
-    """Whoever starts with one file. `owner`: the enclave whose certificate it names; None where that is none here."""
+    """What starts with one file. `owner`: the enclave whose certificate it names; None where that is none here."""
 
     file: GivenFile
     says: Configuration
@@ -59,7 +59,7 @@ class Process(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def path(self) -> str:
-        """Of the file, as the user named the folder."""
+        """The path of the file, as the user named the folder."""
         return self.file.path
 
     @property
@@ -105,7 +105,7 @@ class Network(Struct, frozen=True, kw_only=True, eq=False):
         return (*self.unread, *((each.at(line), why) for each in self.started for line, why in self.unclear(each)))
 
     def unclear(self, process: Process) -> Iterator[tuple[int | None, str]]:
-        """What of a process cannot be told, by itself and by the keystore."""
+        """What of a process is unknown, by itself and by the keystore."""
         yield from process.says.unclear
         secured = [each for each in (*process.says.listens, *process.says.connects) if each.protocol in ("tls", "quic")]
         for name in ("root_ca_certificate", "listen_certificate", "connect_certificate"):
@@ -254,7 +254,7 @@ def _process(file: File, content: bytes, path: str, named: NamedFiles) -> Proces
 
 
 def _unfit_keys(says: Configuration, named: NamedFiles) -> Iterator[Refusal]:
-    """Private keys of others than whose certificate a process listens with, so that it does not start (measured)."""
+    """Private keys of others than the listening certificate; with one, a process does not start (measured)."""
     for end in (each for each in says.listens if each.protocol in SECURED):
         (shown, _line), (said, line) = says.tls(end, "listen_certificate"), says.tls(end, "listen_private_key")
         found = named.certificates_at(shown) if isinstance(shown, str) else None

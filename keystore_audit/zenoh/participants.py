@@ -31,15 +31,15 @@ from keystore_audit.zenoh.names import rule_domains
 from keystore_audit.zenoh.network import Network, Process, is_session, read_network
 
 MAX_WORK: Final = 350_000
-"""Processes times participants, and expressions of rules, times these: 10 to 15 s (40 peers, 177 expressions)."""
+"""Processes times participants and expressions of rules. It takes 10 to 15 s (40 peers, 177 expressions)."""
 
 PUBLISH: Final = "publish"
 SENT: Final = {each: EFFECTIVE[each] for each in (PUBLISH, "request", "reply")}
-"""By what somebody does to put something out, what has to pass."""
+"""For each way to put something out, what has to pass."""
 DELETED: Final = ((Kind.DELETE, True), (Kind.SUBSCRIBE, False))
-"""The same of who attacks: nodes of ROS 2 delete nothing."""
+"""The same for an attacker: nodes of ROS 2 delete nothing."""
 _CACHED: Final = "**/@adv/**"
-"""Where samples are asked for that were published before (rmw_zenoh_cpp)."""
+"""Where earlier samples are asked for (rmw_zenoh_cpp)."""
 _TOPIC: Final = f"{TOPIC_PREFIX}/"
 _PART: Final = "$*"
 
@@ -103,7 +103,7 @@ class NetworkFlows:
         return (*found, *nobodys, OUTSIDER)
 
     def asked(self, claim: Claim) -> Question:
-        """What a claim that there is no flow asks. Raises UsageError for what is not there, or is no key."""
+        """What a no-flow claim asks. Raises UsageError for a name that is not there, or is no key."""
         check_places(claim, [each.path for each in self.keystore.enclaves])
         ends = (
             End(
@@ -192,7 +192,7 @@ class NetworkFlows:
 
 
 def flows_in(keystore: Keystore, folder: Path, at: datetime) -> NetworkFlows:
-    """Those by the files there, at an aware instant. Raises errors.NothingToAudit where there are none."""
+    """Flows by the files there, at an aware instant. Raises errors.NothingToAudit where there are none."""
     return NetworkFlows(keystore, read_network(folder, keystore, at))
 
 

@@ -1,4 +1,4 @@
-"""What whoever holds the private key of an enclave can do in a network, without its file."""
+"""What the holder of an enclave's private key can do in a network, without its file."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from keystore_audit.zenoh.flow import found, told
 from keystore_audit.zenoh.participants import End, NetworkFlows, Question
 
 HEARS: Final = "hear"
-"""What somebody else has comes to it."""
+"""What somebody else has comes to the holder."""
 REACHES: Final = "reach"
-"""What it has comes to somebody else, while all others keep to their files."""
+"""What the holder has comes to somebody else, while all others keep to their files."""
 
 
 class Opened(Struct, frozen=True, kw_only=True):

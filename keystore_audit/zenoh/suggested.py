@@ -21,7 +21,7 @@ _GRAPH_KINDS: Final = (Kind.TOKEN, Kind.TOKEN_QUERY, Kind.TOKEN_SUBSCRIBE)
 
 
 class Party(Struct, frozen=True, kw_only=True):
-    """Whoever takes part.
+    """A participant.
 
     `name`: the first common name of its certificate. `files`: where certificate, key and identity CA are on the robot.
     `rights`: operations with the keys that they are about (`answers.channels`, `answers.plain`). `address`: host and
@@ -58,7 +58,7 @@ def secured(files: Mapping[Role, str]) -> Configuration:
 
 
 def process(files: Mapping[Role, str], **changed: Any) -> Configuration:
-    """A peer that listens nowhere, linked with whoever it connects to."""
+    """A peer that listens nowhere, and is linked with those it connects to."""
     made: Configuration = {
         "mode": Mode.PEER.value,
         "listen": {"endpoints": []},
@@ -121,7 +121,7 @@ def peers(parties: Sequence[Party], domain: int) -> tuple[list[Configuration], l
 
 
 def _rules(name: str, rights: Collection[tuple[str, str]], away: Flow) -> Iterator[Configuration]:
-    """About whoever has the name: what passes, `away` from whoever has the rights or back."""
+    """Rules about the holder of the name: what passes, `away` from the holder of the rights or back."""
     for operation, keys in gathered(sorted(rights)).items():
         for flow in Flow:
             kinds = [kind for kind, is_away in PASSING[operation] if is_away is (flow is away)]
@@ -139,7 +139,7 @@ def _rule(name: str, kinds: Iterable[Kind], flows: Iterable[Flow], *keys: str) -
 
 
 def _access_control(given: Mapping[str, Sequence[Configuration]]) -> Configuration:
-    """By common name, the rules about whoever has it."""
+    """Rules by common name, about its holder."""
     rules = {each["id"]: each for own in given.values() for each in own}
     return {
         "enabled": True,

@@ -99,7 +99,11 @@ RIGHTS = [
         ("only-publish", "/x", "/b", "/c"),
         "/a may publish /x (topic) in domain 0 too",
     ),
-    (("encrypted", "/x", "insider"), ("encrypted", "/y", "insider"), "/a can read /y (topic), but has no right to"),
+    (
+        ("encrypted", "/x", "insider"),
+        ("encrypted", "/y", "insider"),
+        "/a can read /y (topic) in domain 0, but has no right to",
+    ),
     (("encrypted", "/x", "outsider"), ("encrypted", "/y", "outsider"), "Anybody on the network can read /y (topic)"),
 ]
 """What holds, what does not, and how."""

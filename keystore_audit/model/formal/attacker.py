@@ -1,6 +1,6 @@
 """What peers accept from an enclave, and what its keys let it do beyond its rights (docs/model.md).
 
-Everything is asked of a trust_domain: the verdict of a peer depends on nothing else.
+Every question is about one trust domain: a peer's verdict depends on nothing else.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class TrustDomainView:
         return any(i.authority and (not in_force or holds(i.not_before, i.not_after)) for i in issuers)
 
     def authenticated(self, enclave: int) -> bool:
-        """Whether peers take the enclave for one of theirs."""
+        """Whether peers accept the enclave as one of their trust domain."""
         return self.open or self._system.anybody(enclave) or self.introduced(enclave)
 
     def introduced(self, enclave: int, *, in_force: bool = False) -> bool:
@@ -115,12 +115,12 @@ class TrustDomainView:
 
     @cached_property
     def signing_keys(self) -> frozenset[int]:
-        """Their keys: each of a key's certificates can be in the message."""
+        """The keys of these certificates: any certificate of a key can be in the message."""
         return frozenset(self._system.certificates[number].key for number in self.signing_below)
 
     @cached_property
     def _signed_elsewhere(self) -> bool:
-        """Whether somebody signs for any enclave: a key of these is neither the permissions CA's nor an enclave's."""
+        """Whether somebody elsewhere signs for any enclave: some key is neither a permissions CA's nor an enclave's."""
         return bool(self.signing_keys - self.authority_keys - self._system.holders().keys())
 
     def issuing(self, enclave: int) -> bool:
@@ -150,7 +150,7 @@ class TrustDomainView:
 
     @cached_property
     def unauthenticated(self) -> int:
-        """Governed channels of whose messages as a whole anybody can make some that are taken."""
+        """Governed channels on which readers accept whole messages that anybody can make."""
         p = self.protection
         # Those of unauthenticated participants are in the clear, whatever protects those of the others.
         return p.governed & (self._permissions.within(members(p.unauthenticated)) | ~p.rtps_authenticates)
@@ -168,7 +168,7 @@ class TrustDomainView:
         return p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
 
     def granted(self, enclave: int, operation: Operation) -> int:
-        """Channels for which the permissions CA gave the enclave the right, or where it is met by one that it gave."""
+        """Channels for which the permissions CA granted the enclave the right, or which such a channel meets."""
         return self._right(self._system.enclaves[enclave].identity, operation, genuine=True)
 
     def may_be_granted(self, enclave: int, operation: Operation) -> int:
@@ -186,12 +186,12 @@ class TrustDomainView:
         return rights | self._anybodys(operation) if self.issuing(enclave) else rights
 
     def _anybodys(self, operation: Operation) -> int:
-        """Channels for which some document that peers take grants the right, to whomever."""
+        """Channels for which some document that peers take grants the right to anybody."""
         grants = self._permissions.granting(self.accepted)
         return self._permissions.met(union(self._permissions.allowed(grant, operation) for grant in grants))
 
     def _unbounded(self, enclave: int) -> bool:
-        """Whether it may have any right: by a document that it signs itself, or by one that we could not read."""
+        """Whether it may have any right: by a document that it signs itself, or by an unread one."""
         return self._any_opaque or self._system.anybody(enclave) or self.self_granting(enclave)
 
     def _right(self, identity: int | None, operation: Operation, *, genuine: bool) -> int:
@@ -211,7 +211,7 @@ class TrustDomainView:
     def _joined_with(self, enclave: int, documents: frozenset[int], *, anything: bool, issuing: bool) -> int:
         """Domains that it can join with the grants of these documents alone, or with any (`anything`).
 
-        `issuing`: as whomever the grants name.
+        `issuing`: with the grants of any identity that it can issue itself.
         """
         if self.open:
             return self._permissions.all_domains
@@ -231,14 +231,14 @@ class TrustDomainView:
         return p.ruled & (joined | union(map(self._permissions.joins, grants)))
 
     def abilities(self, enclave: int) -> Abilities:
-        """What the enclave can do to the trust domain's channels; worked out once."""
+        """What the enclave can do to the trust domain's channels; computed once."""
         if enclave not in self._abilities:
             rights = [self.presentable(enclave, operation) for operation in Operation]
             self._abilities[enclave] = self._able(self.joined(enclave), rights, *self._alone(enclave))
         return self._abilities[enclave]
 
     def honest(self, enclave: int) -> Abilities:
-        """What it can do while it attacks nobody: as itself, and with documents that it did not sign just for that."""
+        """What it can do without an attack: as itself, and with documents that it did not sign for this purpose."""
         if not (self.self_granting(enclave) or self.issuing(enclave)):
             return self.abilities(enclave)
         if enclave not in self._honest:
@@ -255,7 +255,7 @@ class TrustDomainView:
         return self._right(self._system.enclaves[enclave].identity, operation, genuine=genuine)
 
     def written_as_itself(self, member: int) -> int:
-        """What its own implementation may let a member write that attacks nobody, whoever vouches for it."""
+        """What its own implementation may let an honest member write, whoever vouches for it."""
         free = self.protection.governed & ~self.protection.write_controlled
         return free | self._held(member, Operation.PUBLISH) | self._alone(member)[0]
 
@@ -270,7 +270,7 @@ class TrustDomainView:
 
     @cached_property
     def elsewhere(self) -> Mapping[int, Abilities]:
-        """By certificate that no enclave here has: what whoever has it can do with the grants that name it."""
+        """By certificate that no enclave here has: what its holder can do with the grants that name it."""
         here = {enclave.identity for enclave in self._system.enclaves}
         found = {}
         for number in range(len(self._system.certificates)):
@@ -285,9 +285,9 @@ class TrustDomainView:
 
     @cached_property
     def learnt_elsewhere(self) -> Mapping[int, int]:
-        """By certificate that no enclave here has: channels that whoever has it learns without a grant to read.
+        """By certificate that no enclave here has: channels that its holder learns without a grant to read.
 
-        Whom a document lets in that could not be read may be granted to join, or to relay, and nothing to read.
+        An unread document that lets it in may grant it only to join, or to relay, and nothing to read.
         """
         if self._any_opaque:
             free = ~self.protection.read_controlled
@@ -308,20 +308,20 @@ class TrustDomainView:
 
     @cached_property
     def joining_known(self) -> int:
-        """Channels on which readers take samples from whoever has an identity of the CA, whatever grants it has."""
+        """Channels on which readers take samples from any holder of an identity of the CA, whatever its grants."""
         free = self._unasked | ~self.protection.write_controlled
         return self._open_to_known & free | self.granted_by_known
 
     @cached_property
     def learnt_known(self) -> int:
-        """Channels that anybody learns, or whoever has an identity of the CA, with whatever grants."""
+        """Channels that anybody learns, or any holder of an identity of the CA, whatever its grants."""
         p = self.protection
         hidden = p.read_controlled & (p.data_encrypts | p.metadata_encrypts) & ~self._unasked
         return self._open_to_known & ~hidden | self.readable | self.granted_by_known
 
     @cached_property
     def granted_by_known(self) -> int:
-        """Channels to which whoever has an identity of the CA signs itself any right: its CA is one for permissions."""
+        """Channels to which any holder of an identity of the CA can sign itself a right: the CA has both roles."""
         return self.protection.governed if self.issuing_signers else 0
 
     @cached_property
@@ -334,7 +334,7 @@ class TrustDomainView:
 
     @cached_property
     def _open_to_known(self) -> int:
-        """Channels of domains that whoever has an identity of the CA joins: there are others than are here."""
+        """Channels of domains that holders of an identity of the CA can join: there are others than those here."""
         p, certificates = self.protection, self._system.certificates
         if not self.open and not any(certificates[number].authority for number in self._trust_domain.identity_ca):
             return 0
@@ -377,7 +377,7 @@ class TrustDomainView:
     def rights_with(self, enclave: int, documents: frozenset[int], *, anything: bool) -> tuple[int, int]:
         """What the enclave may write and read with the grants of these documents alone, or with any (`anything`).
 
-        As itself: whoever issues itself the identity of another attacks.
+        Only as itself: to issue itself another's identity is an attack.
         """
         p = self.protection
         published, subscribed = (self._permissions.all_channels,) * 2 if anything else (0, 0)
@@ -395,6 +395,6 @@ def trust_domain_views(system: System, permissions: Permissions | None = None) -
 
 
 def enclaves_views(system: System, permissions: Permissions | None = None) -> list[TrustDomainView]:
-    """The same of the trust domains that enclaves are of alone: how the keystore is meant to be used."""
+    """The same of the trust domains that have enclaves: how the keystore is meant to be used."""
     views = trust_domain_views(system, permissions)
     return [views[trust_domain] for trust_domain in system.trust_domains_of_enclaves()]

@@ -1,7 +1,7 @@
 """How many may fall: which participants, compromised together, let something through (docs/model.md).
 
-Whoever is compromised attacks as relays do, all others are honest. More attackers never take a flow away, so that the
-smallest sets say it all.
+Compromised participants attack as relays do; all others are honest. More attackers never remove a flow, so the smallest
+sets say it all.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MAX_WORK: Final = 1_000_000
 
 
 class Fall(NamedTuple):
-    """Participants that let something through together, as no fewer of them do; a shortest flow then."""
+    """A smallest set of participants that together let something through, and a shortest flow then."""
 
     fallen: frozenset[int]
     legs: tuple[Leg, ...]
@@ -30,7 +30,7 @@ class Fall(NamedTuple):
 def falls(flows: Flows, search: Search, most: int) -> Iterator[Fall]:
     """All smallest sets of at most `most` participants, in order of size.
 
-    A set grows by those alone at the border of what it reaches: without one of them nothing gets any further.
+    A set grows only by those at the border of what it reaches: without one of them nothing gets any further.
     Raises errors.BudgetExceeded where there is too much to try.
     """
     found: list[frozenset[int]] = []
@@ -54,7 +54,7 @@ def falls(flows: Flows, search: Search, most: int) -> Iterator[Fall]:
 
 
 def _border(flows: Flows, search: Search) -> set[int]:
-    """Who else sends or gets on a hop that leads out of what is reached, or stands at an end, if everybody attacks."""
+    """Who, if everybody attacks, sends or gets on a hop that leads out of what is reached, or is at an end."""
     lanes = flows.lanes(replace(search, attacker=Attacker.RELAYS))
     first, last, usable = bits(search.source.channels), bits(search.target.channels), ~bits(search.left_out)
     inside = flows.reached(search) - {flows.outsider}

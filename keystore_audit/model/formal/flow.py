@@ -35,8 +35,8 @@ class Leg(NamedTuple):
 class Lane:
     """One way in which hops are possible: what each participant puts in and gets out.
 
-    `heard`: who gets it listens, so that no flow ends where it is put. `lured`: who gets it does so of attackers alone,
-    so that no flow begins where it is got.
+    `heard`: the receivers only listen, so no flow ends where something is put. `lured`: they receive from attackers
+    alone, so no flow begins where something is got.
     """
 
     def __init__(self, puts: Sequence[int], gets: Sequence[int], *, heard: bool = False, lured: bool = False) -> None:
@@ -83,7 +83,7 @@ class Flows:
         return _Walk(self, self._system, search).shortest()
 
     def reached(self, search: Search) -> frozenset[int]:
-        """The participants that data gets to from the source, its own enclaves among them, whatever the target is."""
+        """The participants that data gets to from the source, the source's enclaves among them, whatever the target."""
         return _Walk(self, self._system, replace(search, target=Place())).reached()
 
     @property
@@ -136,15 +136,15 @@ class Flows:
 
     @cached_property
     def _lets(self) -> list[int]:
-        """By enclave: what its own implementation may let it write. Those of peers say it, unless others are there."""
+        """By enclave: what its own implementation may let it write. Peers' views say it, unless the fleet is mixed."""
         own = [self._trust_domains[member] for member in self._member]
         return [view.written_as_itself(e) if self._system.mixed else -1 for e, view in enumerate(own)]
 
     def _attacked_by(self, forging: frozenset[int], listening: frozenset[int]) -> list[Lane]:
-        """Those who forge send, and those who listen take, as anybody whose key they have, with all that keys allow.
+        """Forgers send and listeners receive as anybody whose key they have, with all that keys allow.
 
-        What is made so is on the network as well as what is written by right, for whoever listens. All others are
-        honest: they take what is made, and do not hide what their governance leaves in clear.
+        What is made so is on the network for every listener, as is what is written by right. All others are honest:
+        they take what is made, and do not hide what their governance leaves in clear.
         """
         lanes = []
         for trust_domain, view in enumerate(self._trust_domains):
@@ -160,7 +160,7 @@ class Flows:
         return lanes
 
     def _powers_in(self, trust_domain: int) -> tuple[Sequence[int], ...]:
-        """By participant, if it attacks, in a trust domain: what it makes, airs, hears as a reader, and learns."""
+        """By participant in a trust domain, if it attacks: what it makes, exposes, hears as a reader, and learns."""
         view = self._trust_domains[trust_domain]
         makes = self._joined(self.as_any([self._forged(view, e) for e in range(self.outsider)]), view.injectable)
         shows = [*self.as_any([able.writes_at_all for able in view.everybody()]), 0]
@@ -173,7 +173,7 @@ class Flows:
 
     @staticmethod
     def _joined(enclaves: Sequence[int], anybody: int) -> list[int]:
-        """By participant: what attacking enclaves can, and what anybody on the network can, whom a key only adds to."""
+        """By participant: what attacking enclaves can do, and what anybody can: a key only adds to that."""
         return [*(one | anybody for one in enclaves), anybody]
 
     @cached_property
@@ -187,17 +187,17 @@ class Flows:
         return union(view.injectable for view in self._trust_domains)
 
     def _of_members(self, trust_domain: int, able: Callable[[int], Abilities]) -> list[int]:
-        """By enclave: the channels that it reads if whoever writes is ready to give its keys to anybody."""
+        """By enclave: the channels that it reads if the writer gives its keys to anybody."""
         return [able(e).reads_at_all if m == trust_domain else 0 for e, m in enumerate(self._member)]
 
     @cached_property
     def _own(self) -> list[OwnRights]:
-        """By trust domain, what enclaves may do that use their own permissions documents alone."""
+        """By trust domain: what enclaves may do that use only their own permissions documents."""
         return [OwnRights(self._system, view, view.refuses) for view in self._trust_domains]
 
     @staticmethod
     def _forged(view: TrustDomainView, enclave: int) -> int:
-        """Channels of which members of the trust domain take its samples for those of some writer."""
+        """Channels on which members of the trust domain take its samples for those of some writer."""
         able = view.abilities(enclave)
         return able.may_write | able.forges if able.forges else able.may_write
 
@@ -218,7 +218,7 @@ class Flows:
         return [*([enclave] if key is None else self._holders[key]), *self._opaque]
 
     def as_any(self, sets: Sequence[int]) -> list[int]:
-        """For each enclave, what those have together as which it acts."""
+        """For each enclave, the union of the sets of those as which it can act."""
         doubtful = union(sets[enclave] for enclave in self._opaque)
         joint = [one | doubtful for one in sets] if doubtful else [*sets]
         for group in self._holders.values():
@@ -232,7 +232,7 @@ class Flows:
         return joint
 
     def putters(self, lanes: Iterable[Lane]) -> list[int]:
-        """By participant: the channels on which it can put samples for others than those who listen only."""
+        """By participant: the channels on which it can put samples for more than listeners."""
         return self._over([lane.puts for lane in lanes if not lane.heard])
 
     def getters(self, lanes: Iterable[Lane]) -> list[int]:
@@ -276,7 +276,7 @@ class _Walk:
         return frozenset(node for layer in self._layers for node in layer)
 
     def _from_channels(self, channels: int) -> tuple[Leg, ...] | None:
-        """The flow from whoever gets a sample of one of them."""
+        """The flow from somebody who gets a sample of one of them."""
         got = self._flows.getters(self._lanes)
         getting = [node for node, each in enumerate(got) if each & channels]
         for node in getting:
@@ -292,7 +292,7 @@ class _Walk:
         return (Leg(None, self._one(got[begun] & channels), self._name(begun)), *found)
 
     def _spread(self, first: list[int], looping: set[int]) -> tuple[Leg, ...] | None:
-        """Goes on from the participants `first`; `looping`: those among them that are ends, which others must reach."""
+        """Goes on from the participants `first`. `looping`: those among them that are ends, which others must reach."""
         asked = bits(self._search.target.channels)
         put = self._flows.putters(self._lanes) if asked else []
         active = set(first)
@@ -313,7 +313,7 @@ class _Walk:
         return None
 
     def _next(self, layer: Sequence[int], looping: Collection[int]) -> tuple[set[int], set[int]]:
-        """Whom the layer reaches over channels that nobody used before, and which of `looping` it reaches at all."""
+        """Whom the layer reaches over channels that nobody used before, and which of `looping` it reaches."""
         arrived: set[int] = set()
         looped: set[int] = set()
         within = set(layer)
@@ -334,7 +334,7 @@ class _Walk:
         return arrived, looped
 
     def _back(self, ends: Iterable[int]) -> tuple[int, tuple[Leg, ...]]:
-        """One of them, who stand in the last layer, and the hops to it: of all as short, with the fewest attacks."""
+        """One end in the last layer, and the hops to it: of equally short flows, the one with the fewest attacks."""
         ways = [set(ends)]
         for layer in reversed(self._layers[:-1]):
             ways.append({sender for sender in layer if any(self._hop(sender, node) for node in ways[-1])})
@@ -345,14 +345,14 @@ class _Walk:
         return end, best[end][1]
 
     def _best(self, best: Mapping[int, tuple[int, tuple[Leg, ...]]], node: int) -> tuple[int, tuple[Leg, ...]]:
-        """The hops to `node`, and how many are attacks, by those to each before it."""
+        """The hops to `node`, and how many of them are attacks, from those to each predecessor."""
         hops = ((attacks, legs, sender, self._hop(sender, node)) for sender, (attacks, legs) in best.items())
         found = [(attacks + hop[0], legs, sender, hop[1]) for attacks, legs, sender, hop in hops if hop]
         attacks, legs, sender, channels = min(found, key=itemgetter(0))
         return attacks, (*legs, Leg(self._name(sender), self._one(channels), self._name(node)))
 
     def _hop(self, sender: int, node: int) -> tuple[int, int] | None:
-        """Whether it is an attack that one hands a sample to the other, and on which channels; None: there is none."""
+        """Whether it takes an attack to hand a sample over, and on which channels; None: it is impossible."""
         if sender != node:
             for attack, lanes in enumerate((self._flows.rightful(own=self._search.own), self._lanes)):
                 common = union(lane.puts[sender] & lane.gets[node] for lane in lanes) & ~self._left_out

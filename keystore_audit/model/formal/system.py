@@ -32,8 +32,8 @@ class CertificateAtom(Struct, frozen=True, kw_only=True):
 
     `authority`: CA:TRUE and, where keyUsage is present, keyCertSign. `fit_to_sign`: fit for S/MIME signing.
     `not_before`, `not_after`: instants. `key`: equal keys have equal numbers. `opaque`: (MAY only) it stands
-    for all that CA files that could not be read may hold. `elsewhere`: it is not here, and stands for whatever
-    certificate somebody has whose subject is `label` (`model.claims.named`).
+    for everything that unread CA files may hold. `elsewhere`: it is not here, and stands for any certificate elsewhere
+    with the subject `label` (`model.claims.named`).
     """
 
     label: str
@@ -136,11 +136,10 @@ NOWHERE: Final = -1
 
 
 class ParticipantKind(Enum):
-    """What somebody who takes part is to the keystore.
+    """What a participant is to the keystore.
 
-    ENCLAVE: of this keystore. UNMANAGED: nobody's enclave here, but a certificate beside those of enclaves, in
-    whoever's hands; without an identity, one that could not be read. UNREAD: an enclave of which it is unknown who it
-    is, or whatever enclaves are behind a place.
+    ENCLAVE: of this keystore. UNMANAGED: a certificate that is no enclave's here, whoever holds it; without an
+    identity, an unread one. UNREAD: an enclave whose identity is unknown, or all enclaves behind an unread place.
     """
 
     ENCLAVE = "enclave"
@@ -172,7 +171,7 @@ class Participant(Struct, frozen=True, kw_only=True):
     later: tuple[tuple[int, Participant], ...] = ()
 
     def at(self, moment: int) -> Participant:
-        """The same as it is then, and for good."""
+        """The same as it is then, without later changes."""
         *_, found = self, *(each for begin, each in self.later if begin <= moment)
         return replace(found, later=()) if found.later else found
 
@@ -361,19 +360,19 @@ class System(Struct, frozen=True, kw_only=True):
         return self.readings[self.documents[grant.document].reading]
 
     def at(self, moment: int) -> System:
-        """The same with trust domains and enclaves as they are then, and for good; dates say what is in force."""
+        """The same with trust domains and enclaves as they are then, and no later changes. Dates say what is in force."""
         trust_domains = tuple(trust_domain.at(moment) for trust_domain in self.trust_domains)
         return replace(
             self, trust_domains=trust_domains, enclaves=tuple(enclave.at(moment) for enclave in self.enclaves)
         )
 
     def key_of(self, enclave: int) -> int | None:
-        """The key of the enclave's identity, None where it has none that is known. Who has equal keys is one."""
+        """The key of the enclave's identity, None where none is known. Holders of equal keys count as one."""
         identity = self.enclaves[enclave].identity
         return None if identity is None else self.certificates[identity].key
 
     def holders(self) -> dict[int, list[int]]:
-        """By key, who has it: enclaves and unmanaged identities, those apart that could not be read."""
+        """By key: enclaves and unmanaged identities that have it, except unread ones."""
         keys = ((self.key_of(n), n) for n in range(len(self.enclaves)) if not self.anybody(n))
         return gathered((key, number) for key, number in keys if key is not None)
 
@@ -387,7 +386,7 @@ class System(Struct, frozen=True, kw_only=True):
         return any(document.opaque for document in self.documents) or not self.assumed >= DOCUMENTS
 
     def trust_domains_of_enclaves(self) -> dict[int, list[int]]:
-        """The trust domains that enclaves are of, each with these; of others are unmanaged identities alone."""
+        """The trust domains that have enclaves, each with these; others have unmanaged identities alone."""
         members = gathered((each.trust_domain, n) for n, each in enumerate(self.enclaves) if not each.unmanaged)
         return dict(sorted(members.items()))
 
