@@ -36,13 +36,13 @@ MAX_STEPS: Final = 500_000
 Beyond, the keystore as a whole stands for what violates a claim."""
 
 MAX_BREACHES: Final = 10_000
-"""What is told apart; beyond it the keystore stands for it as a whole."""
+"""Breaches told apart; beyond, the keystore as a whole stands for them."""
 
 
 def with_breaches(results: Sequence[AssertedResult], systems: Sequence[System]) -> tuple[AssertedResult, ...]:
     """The results, parallel to the claims of each system, each with all that violates it, unless that is too much.
 
-    Of what must be possible, with what for certain is not.
+    For claims of ability, with what is certainly impossible.
     """
     left, told = MAX_STEPS, []
     for number, result in enumerate(results):
@@ -57,7 +57,7 @@ def with_breaches(results: Sequence[AssertedResult], systems: Sequence[System]) 
 
 
 def _with_others(number: int, result: AssertedResult, systems: Sequence[System]) -> AssertedResult:
-    """The result, of a claim of who may publish with who else could."""
+    """The result; for a claim of who may publish, with who else could."""
     claims = [system.claims[number] for system in systems]
     if not any(claim.kind is ClaimKind.ONLY_PUBLISH for claim in claims):
         return result
@@ -70,7 +70,7 @@ def _with_others(number: int, result: AssertedResult, systems: Sequence[System])
 
 
 class _Names:
-    """What atoms of a system are called, by names that do not hang on their order; a trust domain has none.
+    """Names of a system's atoms that do not depend on their order; a trust domain has none.
 
     `topics`: what each channel stands for: rules that tell no names apart make one channel of them.
     """
@@ -132,9 +132,9 @@ class _Breaches:
         self.steps = len(self._pairs) * each * (self._last - self._first + 1)
 
     def found(self) -> Iterator[str]:
-        """What violates it now, and what else at some moment until its end.
+        """What violates it now, and what else violates it at some moment until its end.
 
-        Who accepts what comes later has not accepted that it comes now.
+        To accept what comes later is not to accept that it comes now.
         """
         claim = self._claim
         starting = replace(claim, through=claim.through - claim.stopping)
@@ -165,7 +165,7 @@ class _Breaches:
                     break
 
     def _each(self, place: Place) -> list[Place]:
-        """Its enclaves one by one, its topics by their names and domains, and who has no key."""
+        """Its enclaves one by one, its topics by their names and domains, and the outsider."""
         topics = gathered((self._names.topic(channel), channel) for channel in sorted(place.channels))
         found = [Place(enclaves=frozenset({enclave})) for enclave in sorted(place.enclaves)]
         found += [Place(channels=frozenset(channels)) for channels in topics.values()]
@@ -176,7 +176,7 @@ class _Breaches:
 
 
 def _forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
-    """Who is not among the permitted publishers and could pass for one with the keys that they hold; ANYBODY last."""
+    """Who is not a permitted publisher and could impersonate one with its keys; ANYBODY last."""
     asked = bits(claim.target.channels)
     names: dict[str, None] = {}
     permissions = Permissions(system)
@@ -241,7 +241,7 @@ def _granting(system: System, asked: int) -> Iterator[int]:
 
 
 def _shorter(text: str) -> Iterator[ToldSubject]:
-    """The subjects of all parts of the text but the last ones, the longest first; of too many it names nobody."""
+    """The subjects of all leading parts of the text, the longest first; with too many parts it names nobody."""
     places = [found.start() for found in _BETWEEN_PARTS.finditer(text)]
     for place in reversed(places) if len(places) <= MAX_PIECES else ():
         kept = text[: place + 1] if text[:place].endswith("=") else text[:place]  # no subject ends so: `CN=/` is one
@@ -253,7 +253,7 @@ def _shorter(text: str) -> Iterator[ToldSubject]:
 def _deciding(
     system: System, wanted: Mapping[int, Iterable[ToldSubject]], comparison: SubjectComparison
 ) -> Mapping[str, frozenset[int]]:
-    """By subject: the grants that decide about it, of each document the first that is taken to name it."""
+    """By subject, the grants that decide about it: of each document the first that is taken to name it."""
     subjects = list({each.subject: each for several in wanted.values() for each in several}.values())
     documents = {system.grants[number].document for number in wanted}
     grants = [number for number, grant in enumerate(system.grants) if grant.document in documents]
@@ -281,6 +281,6 @@ def with_violations(
 
 
 def _violated(result: PropertyResult, system: System) -> list[str]:
-    """The profiles of a system under which it is violated: of what must not be, all that may be."""
+    """The profiles of a system under which it is violated; of what must not be, all under which it may be."""
     found = {name for name, each in result.profiles.items() if each.status is Status.VIOLATED}
     return sorted(found.intersection(system.profiles)) if system.may else []

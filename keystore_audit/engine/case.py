@@ -1,7 +1,7 @@
 """A witness with the atoms that it names, in the user's names, and the lines that it rests on.
 
-This explains verdicts and makes none: an engine has decided, and the steps that decided are shown. Where there are none
-the explanation is poorer, the verdict the same.
+This explains verdicts and makes none: an engine has decided, and the steps that decided are shown. Without any steps
+the explanation is poorer, but the verdict is the same.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ Told = tuple[str, tuple[Step, ...]]
 
 
 class Right(NamedTuple):
-    """A right that `document` gives; `location`: the rule that allows it, or the grant that does by default.
+    """A right that `document` gives; `location`: the rule that allows it, or the grant that allows it by default.
 
-    `by_pattern`: it is one to be in a partition that is a pattern, which the channel's matches.
+    `by_pattern`: it is a right to be in a partition that is a pattern and matches the channel's.
     """
 
     document: int
@@ -74,7 +74,7 @@ class Case:
 
     @property
     def view(self) -> TrustDomainView:
-        """How those of the witness's do."""
+        """How the peers of the witness's trust domain see every enclave."""
         return self.views[self.trust_domain]
 
     @property
@@ -108,7 +108,7 @@ class Case:
         return self.rights_by(self.system.enclaves[enclave].identity, operation)
 
     def rights_by(self, identity: int | None, operation: Operation) -> list[Right]:
-        """As `rights`, of whoever has the certificate."""
+        """As `rights`, of the holder of the certificate."""
         grants = self.system.grants
         chosen = self.permissions.chosen(identity, frozenset(self.view.documents))
         found = []
@@ -166,7 +166,7 @@ class Case:
         return self._first(self.right_steps, operations)
 
     def user_steps(self, *operations: Operation) -> tuple[Step, ...]:
-        """The line by which there is an endpoint, though honest peers may refuse it: something to protect."""
+        """The line that makes an endpoint exist, though honest peers may refuse it: there is something to protect."""
         return self.granted_steps(*operations) or self._first(self._lone_member_steps, operations)
 
     def _first(
@@ -212,14 +212,14 @@ class Case:
         return [*enclave, *([self.topic] if Role.CHANNEL in self.witness else [])]
 
     def open_door(self) -> str:
-        """That the domain's rule lets in whom nobody authenticates, where it does, as the end of a sentence."""
+        """The end of a sentence if the domain's rule lets in unauthenticated participants; else nothing."""
         rule = self.domain_rule
         allowed = rule is not None and rule.allow_unauthenticated_participants
         return ", and messages of unauthenticated participants are allowed in the clear" if allowed else ""
 
 
 def not_excluded(system: System, *about: str) -> Counterexample | None:
-    """What is told where anything could not be read, which may say whatever a witness needs; None: all was read."""
+    """The answer where something is unread and may say whatever a witness needs; None: all was read."""
     every: list[DocumentAtom | Participant] = [*system.documents, *system.enclaves]
     unread = [each for each in every if each.opaque]
     names = [each.location.path for each in unread]
@@ -234,7 +234,7 @@ def not_excluded(system: System, *about: str) -> Counterexample | None:
 
 
 def step_at(location: Location | None, witness: str, *, channel: str | None = None, enclave: str | None = None) -> Step:
-    """A step whose line is there, if there is one."""
+    """A step with its line, if there is one."""
     path, line, expression = (location.path, location.line, location.message) if location else (None, None, "")
     return Step(enclave=enclave, channel=channel, witness=witness, path=path, line=line, expression=expression)
 

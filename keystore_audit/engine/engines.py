@@ -1,7 +1,7 @@
 """Runs the engines that were asked for, and brings their answers together, failing closed.
 
-One that did not answer is recorded, never taken for an answer; readings, kinds of implementation and labels come
-together here too.
+An engine that did not answer is recorded and never counts as an answer. Readings, kinds of implementation and labels
+come together here too.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ Falls = Sequence[Sequence["Fall"]]
 
 
 class Engines(Struct, frozen=True, kw_only=True):
-    """Who decides. `choice`: both, alloy, native, or auto: both, and native alone where Alloy cannot be had at all.
+    """Who decides. `choice`: both, alloy, native, or auto: both, but native alone if Alloy cannot be had at all.
 
     `jar`: of Alloy, None: the one installed; `offline`: it is never fetched. `timeout`: of the solver, in seconds.
     """
@@ -73,9 +73,9 @@ Asked = tuple[T, tuple[int, int] | None]
 def run_engines(
     native: NativeEngine, engines: Engines, stage: Callable[[str], None] | None, *, claims: bool = False
 ) -> tuple[tuple[EngineRun, ...], Answers]:
-    """How each engine fared about the systems of `native`, and the answers of those that did.
+    """How each engine fared with the systems of `native`, and the answers of those that answered.
 
-    `claims`: where the native one is asked alone, it is about claims alone.
+    `claims`: where the native engine is asked alone, it is asked about claims alone.
     """
 
     def ask(engine: Engine) -> Asked[Sequence[Mapping[str, Answer]]]:
@@ -93,7 +93,7 @@ def run_engines(
 def run_falls(
     systems: Sequence[System], most: int, engines: Engines
 ) -> tuple[tuple[EngineRun, ...], Mapping[str, Falls]]:
-    """The same of which compromised participants, `most` of them, violate the one claim of each system."""
+    """The same for which compromised participants, `most` of them, violate the one claim of each system."""
     from keystore_audit.engine.native_claims import fallen  # most audits have no flows
 
     def ask(engine: Engine) -> Asked[Falls]:
@@ -109,7 +109,7 @@ def run_falls(
 def run_asked(
     natively: Callable[[], T], ask: Callable[[Engine], Asked[T]], engines: Engines, stage: Callable[[str], None] | None
 ) -> tuple[tuple[EngineRun, ...], Mapping[str, T]]:
-    """How each engine that is chosen fared, and what those say that answered: natively, and by the Analyzer."""
+    """How each chosen engine fared, and what the native engine and the Analyzer answered."""
     choice = engines.choice
     runs: list[EngineRun] = []
     answers: dict[str, T] = {}
@@ -131,7 +131,7 @@ def run_asked(
 def ask_alloy(
     ask: Callable[[Engine], Asked[T]], engines: Engines, stage: Callable[[str], None] | None
 ) -> tuple[EngineRun, T | None]:
-    """Alloy's answers, or why there are none. Once it was found or asked for by name, its failure counts."""
+    """Alloy's answers, or why there are none. Once it was found, or asked for by name, its failure counts."""
     from keystore_audit.engine.alloy.install import find  # a twentieth of a second, which the native engine spares
 
     asked = engines.choice in ("alloy", "both") or engines.jar is not None
@@ -160,11 +160,11 @@ _FAILURES: Final[dict[type[EngineError], EngineStatus]] = {
     EngineOutOfScale: EngineStatus.OUT_OF_SCALE,
     EngineTimeout: EngineStatus.TIMEOUT,
 }
-"""What became of it; of other errors, it failed."""
+"""The status for each error; any other error is a failure."""
 
 
 NATIVELY: Final = EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True)
-"""The native engine, where it was asked: it always answers."""
+"""The native engine, if it was asked: it always answers."""
 
 
 def _not_run(name: str, reason: str) -> EngineRun:
@@ -211,10 +211,10 @@ def combine_claims(
 def combine_falls(
     claim: Claim, systems: Sequence[System], engines: Mapping[str, Falls], profiles: Sequence[str]
 ) -> tuple[FallResult, ...]:
-    """Of a claim about compromised participants each smallest set of them that violates it, in order of size.
+    """For a claim about compromised participants, each smallest set of them that violates it, in order of size.
 
-    Its result is under the profiles alone as which it is one of the smallest, in some reading and to some engine. Where
-    no engine answered, that it needs nobody is unknown.
+    Its result is under the profiles for which it is a smallest set, in some reading and to some engine. Where no
+    engine answered, it is unknown whether the claim needs anybody to be compromised.
     """
     named = {
         engine: [
@@ -247,7 +247,7 @@ def combine_falls(
 def _over_time(
     number: int, kind: tuple[int, ...], result: ProfileResult, systems: Sequence[System], kept: dict[int, KeptFlows]
 ) -> ProfileResult:
-    """Of what holds at each moment, whether it does over all of them, since who gets something may keep it."""
+    """Whether what holds at each moment also holds over all of them, since receivers may keep what they get."""
     from keystore_audit.engine.native_claims import KeptFlows  # few claims are about a time
 
     kept.update({at: KeptFlows(systems[at]) for at in kind if at not in kept})
@@ -340,12 +340,12 @@ class AskedSystems(NamedTuple):
 
 
 def _status(answer: Answer | None) -> Status:
-    """No answer is no "holds"."""
+    """The status of an answer; without an answer it is never HOLDS."""
     return Status.UNKNOWN if answer is None else answer.status
 
 
 def _both_readings(statuses: Sequence[Status]) -> Status:
-    """One status where all readings agree, else unknown; unknown as well where there is none."""
+    """One status where all readings agree, else unknown; also unknown without any."""
     return statuses[0] if statuses and len(set(statuses)) == 1 else Status.UNKNOWN
 
 
@@ -377,14 +377,14 @@ def _joint(pair: LabelPair, parts: Sequence[AssertedResult]) -> LabelResult:
 
 
 def _together(parts: Sequence[tuple[str, ...] | None]) -> tuple[str, ...] | None:
-    """What violates them; None where that of one is not known."""
+    """What violates them; None where it is not known for one of them."""
     if None in parts:
         return None
     return tuple(f"{number}: {each}" for number, part in enumerate(parts) for each in part or ())
 
 
 def _worst(parts: Sequence[ProfileResult]) -> ProfileResult:
-    """Of the parts under one profile; where engines contradict each other about one part, that is the answer."""
+    """The worst of the parts under one profile; engines that contradict each other about one part come first."""
     disputed = next((part for part in parts if len(set(part.engines.values())) > 1), None)
     if disputed is not None:
         return disputed

@@ -79,7 +79,7 @@ def _first_date(enclave: Enclave, kinds: Iterable[Profile], usabilities: Usabili
 
 
 def _near(accesses: AccessViews, profiles: Sequence[Profile], instants: Collection[datetime]) -> str:
-    """Which date is near, of those that hang on the robot's zone."""
+    """Which date is near, of those that depend on the robot's zone."""
     (place, what), *more = dict.fromkeys(accesses.dated(profiles, instants))
     who = " and ".join(name for reading, name in _LOCAL.items() if any(p.access.dates is reading for p in profiles))
     others = f"; {counted(len(more), 'more date')} of grants fall{'s' if len(more) == 1 else ''} then" if more else ""

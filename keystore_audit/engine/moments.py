@@ -39,7 +39,7 @@ def changes(system: System, until: int) -> Iterator[int]:
 
 
 def later(system: System, until: int) -> Iterator[int]:
-    """Yield those after the audit instant; of several that are alike the first counts."""
+    """Yield the moments after the audit instant; of several that are alike the first counts."""
     known = set()
     for moment in changes(system, until):
         if (now := _in_force(system, moment)) not in known and moment != 2 * system.now:
@@ -48,7 +48,7 @@ def later(system: System, until: int) -> Iterator[int]:
 
 
 def at(system: System, moment: int) -> System:
-    """Return the same system as it is at `moment`: with an instant of its own if that lies between two."""
+    """Return the same system as it is at `moment`, with an added instant if the moment lies between two."""
     index, between = divmod(moment, 2)
     system = system.at(moment)
     if not between:
@@ -73,7 +73,7 @@ def redated(dated: Iterable[Dated], of: Callable[[int], int]) -> tuple[Dated, ..
 
 
 def _in_force(system: System, moment: int) -> tuple[object, ...]:
-    """Grants; by trust domain, whom it does not take, why; and what implementations make of enclaves by themselves."""
+    """Grants; by trust domain, whom it refuses; and what implementations make of enclaves by themselves."""
     grants = enumerate(system.grants)
     found = frozenset(number for number, grant in grants if 2 * grant.not_before <= moment <= 2 * grant.not_after)
     then = system.at(moment)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from keystore_audit.engine.alloy.install import Engine
 
 Answer = tuple[Truth, tuple[Hop, ...]]
-"""Whether something gets there, and by which way it does, or may."""
+"""Whether something gets there, and the way by which it does, or may."""
 
 _STATUSES: Final = {Truth.YES: Status.VIOLATED, Truth.NO: Status.HOLDS, Truth.UNKNOWN: Status.UNKNOWN}
 
@@ -26,7 +26,7 @@ def decide(
 ) -> tuple[tuple[EngineRun, ...], list[ProfileResult]]:
     """How each engine fared, and the result of each question. Raises errors.BudgetExceeded where there is too much.
 
-    Alloy says whether anything may get through; what does for certain is said natively.
+    Alloy says whether anything may get through; what certainly gets through is decided natively.
     """
 
     def ask(engine: Engine) -> Asked[list[Answer]]:
@@ -42,7 +42,7 @@ def decide(
 
 
 def _together(answers: Mapping[str, Answer]) -> ProfileResult:
-    """What all engines that answered say alike, else unknown."""
+    """The answer on which all engines that answered agree, else unknown."""
     truth, hops = answers.get("native", (Truth.UNKNOWN, ()))
     statuses = {name: _STATUSES[truth if truth.may and said.may else said] for name, (said, _hops) in answers.items()}
     every = {*statuses.values()}
@@ -54,7 +54,7 @@ def _together(answers: Mapping[str, Answer]) -> ProfileResult:
 
 
 def _way(hops: Sequence[Hop]) -> Counterexample:
-    """The way with the line of each hop that lets it in."""
+    """The way, with the line of each hop that lets it in."""
     steps = (
         Step(
             enclave=hop.receiver.label,

@@ -43,14 +43,14 @@ AHEAD: Final = 3
 """Tasks that a worker of a cluster has at a time: enough that it never waits for the next."""
 
 COUNTED_EVERY: Final = 5.0
-"""Seconds between counts of the workers."""
+"""Seconds between two counts of the workers."""
 
 _PRELOADED: Final = ("keystore_audit.pipeline", "keystore_audit.fleet.task", "keystore_audit.report.text")
-"""Loaded once, by the process from which the others are forked: each is then there in milliseconds."""
+"""Loaded once, by the process from which the others are forked: each then starts in milliseconds."""
 
 
 class Lost(Struct, frozen=True, kw_only=True):
-    """A task that has no result, and never will: whoever was at it has ended. `reason`: a sentence."""
+    """A task that will never have a result, because its process has ended. `reason`: a sentence."""
 
     reason: str
 
@@ -62,7 +62,7 @@ def _failed(error: Exception) -> Lost:
 class _Worker:
     """A process that carries out one task at a time.
 
-    Its pipe is its own, and this process holds one end alone: whenever it ends, also amid an answer, that is heard.
+    Its pipe is its own, and this process holds only one end. So its end is always noticed, even amid an answer.
     (A concurrent.futures.ProcessPoolExecutor holds both, and waits for ever for the rest of such an answer.)
     """
 
@@ -77,12 +77,12 @@ class _Worker:
         return self._process.is_alive()
 
     def answer(self, work: Callable[[Any], Any], task: object) -> Any:
-        """What it says. Raises EOFError or OSError if it ends."""
+        """Its answer. Raises EOFError or OSError if it ends."""
         self._pipe.send((work, task))
         return self._pipe.recv()
 
     def let_go(self) -> None:
-        """It waits for a task: none will come."""
+        """Tell the waiting process that no task will come."""
         self._pipe.close()
 
     def stop(self) -> None:
@@ -94,7 +94,7 @@ class _Worker:
 
 
 class Processes:
-    """So many processes of this machine: one that ends loses its task alone."""
+    """A number of processes on this machine; one that ends loses only its own task."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -104,11 +104,11 @@ class Processes:
         self._context: ForkServerContext | None = None
 
     def room(self) -> int:
-        """One for each process."""
+        """One task for each process."""
         return self._count
 
     def submit(self, work: Callable[[Any], Any], task: object) -> Future[Any]:
-        """Hand it to a process that has none."""
+        """Hand the task to an idle process."""
         self._context = self._context or _forkserver()
         worker = self._idle.pop() if self._idle else None
         if worker is None or not worker.is_alive():  # it may have ended while it had nothing to do
@@ -118,7 +118,7 @@ class Processes:
         return future
 
     def result(self, future: Future[Any]) -> Any:
-        """What it says, or that it ended; of the others the process is free again."""
+        """Its answer, or that it ended; in the first case the process is free again."""
         worker = self._busy.pop(future)
         try:
             said = future.result()
@@ -201,7 +201,7 @@ def _end_with_the_command() -> None:
 
 
 class Cluster:
-    """The workers of a Dask scheduler at `address` (HOST:PORT): one that is lost loses nothing, others do its tasks.
+    """The workers of a Dask scheduler at `address` (HOST:PORT). A lost worker loses nothing: others do its tasks.
 
     They need this package in the same version, and the keystores at the same paths. Raises errors.UsageError if Dask is
     not installed, nobody answers, or there is no worker.
@@ -214,7 +214,7 @@ class Cluster:
         self._asked = -math.inf
 
     def room(self) -> int:
-        """Some for each worker; workers come and go, so they are counted again now and then."""
+        """Some tasks for each worker; workers come and go, so they are counted again now and then."""
         now = time.monotonic()
         if now - self._asked > COUNTED_EVERY:
             self._room = AHEAD * max(1, len(self._client.scheduler_info()["workers"]))
@@ -222,11 +222,11 @@ class Cluster:
         return self._room
 
     def submit(self, work: Callable[[Any], Any], task: object) -> Future[Any]:
-        """Hand it to the scheduler."""
+        """Hand the task to the scheduler."""
         return self._executor.submit(work, task)
 
     def result(self, future: Future[Any]) -> Any:
-        """What a worker says; a task that took several workers with it (Dask's `allowed-failures`) is lost."""
+        """A worker's answer; a task that took several workers with it (Dask's `allowed-failures`) is lost."""
         try:
             error = future.exception()  # not raised: it may be the exit of another process
         except CancelledError as cancelled:

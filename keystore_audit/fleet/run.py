@@ -81,7 +81,7 @@ def find_keystores(directory: str, *, beside: Sequence[str] = ()) -> Found:
 
 
 def _links_out(entries: list[os.DirEntry[str]], searched: list[str]) -> Iterator[tuple[str, str]]:
-    """Links to directories that are not looked through in their own place; those that lead nowhere are none."""
+    """Links to directories that are not searched in their own place; those that lead nowhere do not count."""
     for entry in entries:
         if not entry.is_symlink():
             continue
@@ -113,7 +113,7 @@ class Identities:
         self._related: dict[int, Material] | None = None
 
     def add(self, number: int, place: str, compared: Compared, named: Collection[str] = ()) -> None:
-        """Take in those of a keystore; `place`: its directory, links resolved; `named`: whom grants name there."""
+        """Add those of a keystore; `place`: its directory, links resolved; `named`: subjects that grants name there."""
         self._places[number] = place
         self._named[number] = named
         for parent in Path(place).parents:
@@ -128,19 +128,19 @@ class Identities:
                 self._by_subject[identity.subject_alike, authority].add(number)
 
     def of(self, number: int) -> tuple[Identity, ...]:
-        """Those of one keystore."""
+        """The identities of one keystore."""
         return self.compared(number).identities
 
     def compared(self, number: int) -> Compared:
-        """What one keystore was compared by."""
+        """What of one keystore was compared."""
         return self._own.get(number, Compared())
 
     def beside(self, number: int) -> Beside:
-        """What is known of the other keystores to the audit of one."""
+        """What the audit of one keystore knows of the others."""
         return Beside(shared=self.shared_with(number), compared=self.compared(number), apart=self.within(number))
 
     def within(self, number: int) -> frozenset[str]:
-        """The keystores in the directory of one: where they lie in it, as `layout.Nested.path`."""
+        """The keystores in the directory of one, by their places in it, as `layout.Nested.path`."""
         here = self._places[number]
         inside = (os.path.relpath(place, here) for place in self._inside.get(here, ()))
         return frozenset(display(os.fsencode(place)) for place in inside)
@@ -179,7 +179,7 @@ class Identities:
         )
 
     def _material(self) -> dict[int, Material]:
-        """By keystore, the keys and signatures of others that tell something beside its own; of all at once."""
+        """By keystore, the keys and signatures of others that tell something beside its own; for all at once."""
         if self._related is None:
             whose: defaultdict[PublicKey | Signed, set[int]] = defaultdict(set)
             for number, compared in self._own.items():

@@ -64,8 +64,8 @@ class Audited(Struct, frozen=True, kw_only=True):
 def identify(task: Task) -> tuple[str, Compared, frozenset[str]]:
     """The directory of a keystore, links resolved, what is compared of it, and the subjects that grants name there.
 
-    Of one that cannot be read there is nothing, since its audit, which takes the same steps, says why. An audit that
-    reads others all the same is incomplete (KA666).
+    For an unreadable keystore there is nothing: its audit takes the same steps and says why. An audit that reads others
+    all the same is incomplete (KA666).
     """
     place = os.path.realpath(task.root)
     with _ALONE, suppress(Exception):
@@ -97,7 +97,7 @@ def carry_out(task: Task) -> Audited:
 
 
 def lost(task: Task, error: str, exit_code: int = EXIT_INCOMPLETE) -> Audited:
-    """That there is no report, and why."""
+    """The result without a report, and why there is none."""
     tables = rows_without_report(task.root, task.options.at, exit_code, error) if task.tables else None
     return Audited(row=without_report(task.root, exit_code, error), tables=tables)
 

@@ -64,7 +64,7 @@ _PLAIN_NUMBER: Final = re.compile(r"\+?[0-9]{1,9}")
 
 
 class Refused(Exception):
-    """The implementation takes the document for none; the message says why."""
+    """The implementation rejects the document; the message says why."""
 
 
 class Unclear(Exception):
@@ -88,7 +88,7 @@ def as_read(root: etree._Element, grammar: Grammar, syntax: Syntax) -> etree._El
 
 
 class _BySchema:
-    """What the schema refuses, nobody reads; comments and blanks count as XML and the schema have it."""
+    """Elements that the schema refuses are not read; comments and blanks count as XML and the schema have it."""
 
     def __init__(self, grammar: Grammar) -> None:
         self.grammar = grammar
@@ -124,11 +124,11 @@ class _BySchema:
             raise Refused(f"text beside the elements of <{element.tag}>")
 
     def _kept(self, _tag: str, children: list[etree._Element]) -> Sequence[etree._Element]:
-        """Those of the elements in an element that are looked at."""
+        """Those of an element's children that are looked at."""
         return children
 
     def _arranged(self, _tag: str, children: list[etree._Element]) -> Sequence[etree._Element]:
-        """They, rewritten, where the schema has them."""
+        """The children, rewritten and in the order of the schema."""
         return children
 
     def _value(self, tag: str, element: etree._Element) -> str:
@@ -161,7 +161,7 @@ class _InOrder(_BySchema):
         return iter([] if name is None else [("name", name)])
 
     def _check_text(self, element: etree._Element) -> None:
-        """It is passed over."""
+        """Text beside elements is passed over."""
 
     def _kept(self, tag: str, children: list[etree._Element]) -> Sequence[etree._Element]:
         tags = [self._tag(child) for child in children]
@@ -200,14 +200,14 @@ class _InOrder(_BySchema):
 
 
 def _some_tags() -> Sequence[etree._Element]:
-    """What stands for data tags, whose content nobody looks at."""
+    """What stands for data tags, whose content is never looked at."""
     tag = etree.Element("tag")
     tag.extend(etree.Element(name) for name in ("name", "value"))
     return [tag]
 
 
 def _flag(text: str, element: etree._Element) -> str:
-    """As tinyxml2 reads them: its words, and numbers."""
+    """A flag as tinyxml2 reads it: its words, and numbers."""
     if text in ("true", "TRUE", "True", "false", "FALSE", "False"):
         return text.lower()
     if re.fullmatch("[0-9]{1,9}", text):

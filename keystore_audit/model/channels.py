@@ -27,7 +27,7 @@ from keystore_audit.model.semantics import CHECKED_TOGETHER, DEFAULT_PARTITION, 
 from keystore_audit.profiles import Access, Matcher
 
 ANY_TOPIC = "rt/chatter"
-"""The name by which the channel of an ungoverned domain goes: every topic there is alike."""
+"""The name of the channel of an ungoverned domain: every topic there is alike."""
 
 MAX_CELLS = 1_000_000
 """Pairs of a topic class and a partition or domain class: a second and 200 MB. 10,000 stock enclaves have 300,000."""
@@ -74,7 +74,7 @@ class Channels(Struct, frozen=True, kw_only=True, eq=False):
         return known
 
     def cells(self, channel: int) -> list[Cell]:
-        """What a channel stands for: those that are told apart in no region are one channel."""
+        """What a channel stands for: cells that no region tells apart are one channel."""
         atom = self.channels[channel]
         here = self.in_domain[atom.domain]
         if len(here) != len(self.columns):  # an ungoverned class has one channel for all names
@@ -162,7 +162,7 @@ def _atoms(domain: int, columns: Iterable[Column] | None) -> Iterator[ChannelAto
 
 
 def _meets(met: Mapping[int, frozenset[int]], starts: Sequence[int], count: int) -> tuple[frozenset[int], ...]:
-    """By channel, what it meets: what its column does, in its domain."""
+    """By channel, the channels that it meets: those of the columns that its column meets, in its domain."""
     if not met:
         return ()
     found = [frozenset[int]()] * count
@@ -175,7 +175,7 @@ def _meets(met: Mapping[int, frozenset[int]], starts: Sequence[int], count: int)
 def domain_covers(
     read: Mapping[Access, Sequence[ReadDocument]],
 ) -> tuple[list[tuple[Interval, ...]], list[tuple[Interval, ...]]]:
-    """What governances say the domains are that they are about, and what rules of grants say, each once."""
+    """The domains of governance documents and of rules of grants, as written, each once."""
     documents = [document for several in read.values() for document in several]
     governed = dict.fromkeys(rule.domains for each in documents for rule in each.domain_rules or ())
     ruled = dict.fromkeys(rule.domains for each in documents for grant in each.grants or () for rule in grant.rules)

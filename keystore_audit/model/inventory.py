@@ -55,8 +55,7 @@ class Document(Struct, frozen=True):
 @lru_cache(maxsize=3)  # a comparison has three; asked by whoever looks at all documents
 def documents_of(keystore: Keystore) -> tuple[Document, ...]:
     """Every distinct document that bears on rights, by place: what enclaves carry, and others that a peer may take.
-
-    What could not be read is among them.
+    Unread ones are among them.
     """
     found: dict[str, Document] = {}
     for enclave in keystore.enclaves:
@@ -78,7 +77,7 @@ def beside_enclaves(keystore: Keystore) -> Callable[[str], bool]:
 
 
 def unmanaged_permissions(keystore: Keystore) -> tuple[UnmanagedDocument, ...]:
-    """Those that may give rights: permissions that some peer may take, and whatever could not be read.
+    """The unmanaged documents that may give rights: permissions that some peer may take, and whatever was not read.
 
     Of governance documents an enclave applies its own alone.
     """
@@ -99,9 +98,9 @@ def governance_apart(keystore: Keystore) -> tuple[UnmanagedDocument, ...]:
 
 
 def unmanaged_governance(keystore: Keystore) -> tuple[UnmanagedDocument, ...]:
-    """The same, where somebody may start with them.
+    """The same, if somebody may start with them.
 
-    Enclaves do not. Whoever has an identity outside of them has files that nobody here knows, and these lie beside it.
+    Enclaves do not. A holder of an unmanaged identity has files that nobody here knows, and these documents are here.
     """
     governances = governance_apart(keystore)
     return governances if governances and _outside(keystore) else ()
@@ -109,7 +108,7 @@ def unmanaged_governance(keystore: Keystore) -> tuple[UnmanagedDocument, ...]:
 
 @lru_cache(maxsize=2)
 def system_documents(keystore: Keystore) -> tuple[Document, ...]:
-    """Those of `documents_of`, and the governance documents that no enclave applies and somebody else may, by place."""
+    """Those of `documents_of`, and governance documents that no enclave applies but somebody else may, by place."""
     more = [Document(each.place, each.document) for each in unmanaged_governance(keystore)]
     documents = documents_of(keystore)
     return tuple(sorted((*documents, *more), key=lambda document: document.place)) if more else documents
@@ -176,7 +175,7 @@ def embeddable(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]:
 def certificates_of(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]:
     """Every distinct certificate that plays a part `at` an instant: identities, authorities and signers, by place.
 
-    Systems number them so. With what makes a participant of whoever has an authority's key, which need not lie here.
+    Systems number them so. Included are certificates that make a participant of the holder of an authority's key.
     """
     found: dict[str, Certificate] = {}
     for certificate in _playing_a_part(keystore, at):
@@ -198,7 +197,7 @@ def _playing_a_part(keystore: Keystore, at: datetime) -> Iterator[Certificate]:
 
 
 def issuers_of(keystore: Keystore, certificates: Sequence[Certificate]) -> tuple[frozenset[int], ...]:
-    """For each certificate, those of CA files, and other authorities, that issued it: names and signature, not dates.
+    """For each certificate, the authorities, of CA files and others, that issued it: names and signature, not dates.
 
     Raises errors.BudgetExceeded.
     """
@@ -226,7 +225,7 @@ def instants_of(certificates: Iterable[Certificate], grants: Iterable[ReadGrant]
 
 
 def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certificate, ...]]]:
-    """Enclaves whose identity's key has certificates in files of the keystore that are no enclave's own, with these."""
+    """Enclaves with further certificates of their identity's key in files of no enclave, and those certificates."""
     known: dict[str, dict[str, Certificate]] = {}
     carried = every_certificate(keystore.enclaves, keystore.authorities, keystore.unmanaged)
     for certificate in (*carried, *keystore.identities.keyless):
@@ -240,7 +239,7 @@ def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certifi
 
 
 def authorities_of(keystore: Keystore) -> Iterator[Certificate]:
-    """What in the CA files of enclaves is there to vouch or to sign: authorities, and the first for permissions.
+    """The certificates in enclaves' CA files that can vouch or sign: authorities, and the first one for permissions.
 
     Any other certificate there is an identity like one that lies elsewhere.
     """
@@ -251,14 +250,14 @@ def authorities_of(keystore: Keystore) -> Iterator[Certificate]:
 
 
 def _trusted(keystore: Keystore, role: Role) -> Iterator[Certificate]:
-    """What is in the files of this authority, each of which is looked at once."""
+    """The certificates in the CA files for this role; each file is looked at once."""
     yield from dict.fromkeys(certificate for enclave in keystore.enclaves for certificate in enclave.trusts(role))
 
 
 def _standing_elsewhere(keystore: Keystore) -> Iterator[Certificate]:
-    """Identities of enclaves that no authority vouches for and that stand in the identity CA file of another enclave.
+    """Identities of enclaves that no authority vouches for and that are in another enclave's identity CA file.
 
-    That one takes them (measured on Fast DDS), whatever their own CA file says, which is nothing to who has the key.
+    That enclave accepts them (measured on Fast DDS), whatever their own CA file says: a holder of the key ignores it.
     """
     every = {certificate.sha256: certificate for certificate in _trusted(keystore, Role.IDENTITY_CA)}
     for enclave in keystore.enclaves:
@@ -271,7 +270,7 @@ def _standing_elsewhere(keystore: Keystore) -> Iterator[Certificate]:
 
 
 def _outside(keystore: Keystore) -> Mapping[str, UnmanagedIdentity]:
-    """By SHA-256 the certificates that are no enclave's alone, authorities apart."""
+    """By SHA-256 the certificates that are not only an enclave's own, without authorities."""
     authorities = {certificate.sha256 for certificate in authorities_of(keystore)}
     again = (c for _enclave, others in certified_again(keystore) for c in others if c.sha256 not in authorities)
     found = {
@@ -320,7 +319,7 @@ def unread_places(keystore: Keystore) -> tuple[str, ...]:
 
 
 def behind(place: str) -> str:
-    """What whatever lies behind one of these is called."""
+    """The name for everything that lies behind one of these places."""
     return f"whatever is behind {place}"
 
 

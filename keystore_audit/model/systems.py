@@ -1,6 +1,6 @@
 """Builds the `System`s of a keystore.
 
-Evidence in, normalised facts out, one for each kind of implementation and reading.
+Evidence in, normalised facts out: one for each kind of implementation and reading.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ MAX_JUDGED: Final = 100_000
 
 
 class SystemBuilder:
-    """The systems of a keystore for the implementations in question; what they have in common is worked out once.
+    """The systems of a keystore for the implementations in question; what they share is computed once.
 
     `accesses`: how they read its documents. `points`: only these names are channels; None: all names, in classes.
     `claims`: the names and instants that they speak of take part. `channels`: these, which tell apart all that the
@@ -134,7 +134,7 @@ class SystemBuilder:
         return [ReadDocument() if file is None else self._accesses.read(file, access) for file in files]
 
     def systems(self) -> tuple[System, ...]:
-        """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt.
+        """A system for each way in which the profiles read the keystore, with a MUST reading where there is doubt.
 
         Raises errors.BudgetExceeded where trust domains have too many participants to judge.
         """
@@ -162,7 +162,7 @@ class SystemBuilder:
         return (may, self.build(fleet, may=False)) if doubt else (may,)
 
     def build(self, fleet: Fleet, *, may: bool) -> System:
-        """The system as these implementations read it; of no profile yet."""
+        """The system as these implementations read it, without profiles yet."""
         read: list[tuple[int, Document]] = []
         atoms: list[DocumentAtom] = []
         parts: list[tuple[int, Atoms]] = []
@@ -208,7 +208,7 @@ class SystemBuilder:
     def _participants(
         self, fleet: Fleet, read: Sequence[tuple[int, Document]], atoms: list[DocumentAtom], *, may: bool
     ) -> tuple[tuple[Participant, ...], tuple[TrustDomainAtom, ...]]:
-        """Who takes part, and their trust domains. `atoms`: documents; those come to them on which open ones rest."""
+        """The participants and their trust domains. Adds to `atoms` (documents) those of open trust domains."""
         number = {(reading, document.place): n for n, (reading, document) in enumerate(read)}
         trust_domains = TrustDomains([(reading, document.file) for reading, document in read])
         unmanaged, count = self._unmanaged, len(self._keystore.enclaves)
@@ -290,7 +290,7 @@ class SystemBuilder:
         *,
         may: bool,
     ) -> None:
-        """Adds the trust domains in which only unmanaged identities are, who start in place of a host."""
+        """Adds the trust domains that have only unmanaged identities, which start in place of a host."""
         for host_files, host in self._unmanaged.hosts.items():
             doubt, files = trust_domain_doubt(host), (reading, host_files)
             certain = not opens(doubt) if may else doubt is None
@@ -303,10 +303,10 @@ class SystemBuilder:
     def _in_use(
         self, enclaves: Iterable[Participant], documents: Iterable[DocumentAtom], *, may: bool
     ) -> Iterable[CertificateAtom]:
-        """The certificates. An unmanaged one that adds nothing has no issuer, so that it is not taken for a stranger's.
+        """The certificates. An unmanaged one that adds nothing gets no issuer, so that no stranger seems to have it.
 
         Signers add something, and so do the authorities over which they chain, and what an attacker may embed.
-        (MUST) Nobody vouches for certain for an identity where an extension narrows what is accepted.
+        (MUST) No authority certainly vouches for an identity where an extension narrows what is accepted.
         """
         idle = frozenset[int]() if may else self._narrowed
         if not self._unmanaged.identities and not idle:  # nearly always
@@ -325,7 +325,7 @@ class SystemBuilder:
     def _open_trust_domain(self, atoms: list[DocumentAtom], place: str, reading: int = 0) -> TrustDomainAtom:
         """(MAY) The trust domain of an enclave whose trust could not be read.
 
-        An opaque governance, so it accepts everything, and authorities of which nothing is known.
+        It has an opaque governance, so it accepts everything, and authorities of which nothing is known.
         """
         none, unread, number = frozenset[int](), frozenset({len(self._certificate_atoms)}), len(atoms)
         made = DocumentAtom(label=place, location=Location(place), intact=False, signers=none, opaque=True)
@@ -346,7 +346,7 @@ class SystemBuilder:
     def _trust_domain(
         self, enclave: Enclave, number: Mapping[tuple[int, str], int], fleet: Fleet, reading: int, *, may: bool
     ) -> TrustDomainAtom:
-        """What the enclave's verdict on peers depends on. (MUST) Of a list that is unknown, anybody may be revoked."""
+        """What the enclave's verdict on peers depends on. (MUST) With an unknown list, anybody may be revoked."""
         place, trust = enclave.governance and enclave.governance.signed.file.place, fleet.kinds[reading].trust
         identity_ca, permissions_ca, revoked = self._views.authorities(enclave, trust)
         unread, kinds = list_unread(enclave, trust) is not None, len(fleet.kinds)

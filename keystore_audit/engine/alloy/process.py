@@ -158,7 +158,7 @@ class Jvm:
         if self._said.endswith("\n") or len(self._said) >= MAX_ANSWER:
             match = re.fullmatch(re.escape(self._expected) + r"(\d{1,3})\n", self._said, re.ASCII)
             if match is None:
-                raise EngineFailed("The Alloy Analyzer answered another question than it was asked.")
+                raise EngineFailed("The Alloy Analyzer gave no valid answer to the question that it was asked.")
             return self._output(int(match[1]))
         if time.monotonic() < self._deadline:
             return None

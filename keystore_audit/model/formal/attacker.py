@@ -168,7 +168,7 @@ class TrustDomainView:
         return p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
 
     def granted(self, enclave: int, operation: Operation) -> int:
-        """Channels for which the permissions CA granted the enclave the right, or which such a channel meets."""
+        """Channels for which the permissions CA granted the enclave the right, or which meet such a channel."""
         return self._right(self._system.enclaves[enclave].identity, operation, genuine=True)
 
     def may_be_granted(self, enclave: int, operation: Operation) -> int:
@@ -321,7 +321,7 @@ class TrustDomainView:
 
     @cached_property
     def granted_by_known(self) -> int:
-        """Channels to which any holder of an identity of the CA can sign itself a right: the CA has both roles."""
+        """Channels to which any holder of an identity of the CA can sign itself a right: that CA has both roles."""
         return self.protection.governed if self.issuing_signers else 0
 
     @cached_property

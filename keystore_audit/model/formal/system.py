@@ -360,7 +360,7 @@ class System(Struct, frozen=True, kw_only=True):
         return self.readings[self.documents[grant.document].reading]
 
     def at(self, moment: int) -> System:
-        """The same with trust domains and enclaves as they are then, and no later changes. Dates say what is in force."""
+        """The same with trust domains and enclaves as they are then, and no later changes. Dates say what is valid."""
         trust_domains = tuple(trust_domain.at(moment) for trust_domain in self.trust_domains)
         return replace(
             self, trust_domains=trust_domains, enclaves=tuple(enclave.at(moment) for enclave in self.enclaves)

@@ -48,11 +48,11 @@ WAYS: Final = (Operation.SUBSCRIBE, Operation.PUBLISH)
 """In the order of `Endpoints`."""
 
 Timeline = tuple[tuple[int, Endpoints], ...]
-"""Those from moments on (`permission.Permissions`), ascending; none before the first, which is the audit's."""
+"""Endpoints from moments on (`permission.Permissions`), ascending. None before the first, which is the audit's."""
 
 
 def changes(found: Iterable[tuple[int, Endpoints]]) -> Timeline:
-    """The same without later moments that change nothing; empty where there are none at any."""
+    """The timeline without later moments that change nothing; empty where it has nothing at any moment."""
     kept: list[tuple[int, Endpoints]] = []
     for moment, ends in found:
         if not kept or ends != kept[-1][1]:
@@ -61,13 +61,13 @@ def changes(found: Iterable[tuple[int, Endpoints]]) -> Timeline:
 
 
 def then(timeline: Timeline, moment: int) -> Endpoints:
-    """Those at a moment."""
+    """The endpoints at a moment."""
     *_, found = NO_ENDPOINTS, *(each for begin, each in timeline if begin <= moment)
     return found
 
 
 def joined(several: Sequence[Timeline]) -> Timeline:
-    """What one has that may have any of these."""
+    """What a participant has that may have any of these."""
     found = []
     for moment in sorted({begin for each in several for begin, _ends in each}):
         reads, writes = zip(*(then(each, moment) for each in several), strict=True)
@@ -103,7 +103,7 @@ class Alone(NamedTuple):
 
 
 NOTHING = Alone()
-"""Of an enclave whose implementation lets it do what its peers concede it, and nothing else."""
+"""For an enclave whose implementation lets it do exactly what its peers concede."""
 
 
 class LoneEndpoints:
@@ -162,7 +162,7 @@ class LoneEndpoints:
         return tuple(found) if any(any(each) for each in found) else ()
 
     def _grants(self, enclave: Enclave, access: Access) -> tuple[ReadGrant, ...]:
-        """What its own document grants, to whomever."""
+        """What its own document grants, whoever the grant names."""
         return () if enclave.permissions is None else self._accesses.read(enclave.permissions, access).grants or ()
 
     def _moments(self, enclave: Enclave, profile: Profile) -> Iterator[tuple[int, datetime, LocalRights]]:

@@ -59,7 +59,7 @@ MAX_HOLDERS: Final = 4_000
 """Identities, each with the documents that name it in each trust domain: as many as enclaves."""
 
 Holder = tuple[int, TrustFiles, Enclave]
-"""Whoever has an identity, by the number of its certificate, in a trust domain, and the folder that it starts with."""
+"""A holder of an identity: the number of its certificate, a trust domain, and the folder that it starts with."""
 
 
 class Unmanaged:
@@ -83,19 +83,19 @@ class Unmanaged:
         self.identities = unmanaged_identities(keystore, at)
 
     def number(self, each: UnmanagedIdentity) -> int:
-        """That of its certificate."""
+        """The number of its certificate."""
         return self._numbers[each.certificate.sha256]
 
     @cached_property
     def hosts(self) -> dict[TrustFiles, Enclave]:
-        """In whose place somebody may start with one; nobody's where there is none. Raises errors.BudgetExceeded."""
+        """In whose place somebody may start with an unmanaged identity; empty without any. Raises BudgetExceeded."""
         return _hosts(self._keystore) if self.identities else {}
 
     @cached_property
     def unread(self) -> str | None:
-        """Where a governance may be that could not be read, with which one may start; None where there is none.
+        """Where an unread governance may be with which an unmanaged identity may start; None where there is none.
 
-        That of an enclave opens everything already.
+        An unread one of an enclave opens everything already.
         """
         others = unmanaged_permissions(self._keystore) if self.identities else ()
         unread = (o.place for o in others if not isinstance(o.document, PermissionsFile) or not o.document.permissions)
@@ -223,7 +223,7 @@ class Unmanaged:
 
 
 def behind_participant(place: str, trust_domain: int) -> Participant:
-    """What stands for whatever enclaves are behind a place that was not read."""
+    """What stands for all enclaves behind a place that was not read."""
     return Participant(
         label=behind(place),
         location=Location(path=place),
@@ -279,7 +279,7 @@ def _told(
     certificates: Sequence[CertificateAtom],
     names: Mapping[Hashable, frozenset[int]],
 ) -> Callable[[int], object]:
-    """All that a peer looks at in a certificate, dates apart; equal for certificates that serve alike."""
+    """All that a peer looks at in a certificate, except dates; equal for certificates that serve alike."""
     revoked = gathered(
         (certificate, (number, moment))
         for number, trust_domain in enumerate(trust_domains)
@@ -318,7 +318,7 @@ def _hosts(keystore: Keystore) -> dict[TrustFiles, Enclave]:
 
 
 def _with_all(files: Iterable[CertificateFile | None]) -> list[CertificateFile]:
-    """Each with the authorities of all behind its own, without revocation lists; those that then are alike once.
+    """Each file with the authorities of all others behind its own, without revocation lists; equal results once.
 
     What is behind adds to whom its owner trusts; peers are told what is first. Raises errors.BudgetExceeded.
     """

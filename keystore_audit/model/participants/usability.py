@@ -34,7 +34,7 @@ from keystore_audit.profiles import Profile
 from keystore_audit.truth import Truth
 
 _Grants = tuple[ReadGrant, ...] | None
-"""Those of an enclave's own document that name it; None: the document says nothing."""
+"""The grants of an enclave's own document that name it; None: the document says nothing."""
 
 
 class Usabilities:

@@ -111,7 +111,7 @@ class TrustDomains:
 
     @property
     def atoms(self) -> tuple[TrustDomainAtom, ...]:
-        """All so far."""
+        """All numbered so far."""
         return tuple(self._atoms)
 
 
@@ -142,7 +142,7 @@ class Views:
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
 
     def authorities(self, enclave: Enclave, trust: Trust) -> tuple[frozenset[int], frozenset[int], frozenset[int]]:
-        """Identity CAs that vouch, whoever counts for a permissions CA, and what is revoked."""
+        """Identity CAs that vouch, certificates that count as permissions CA, and revoked certificates."""
         vouching = trusted_authorities(enclave.identity_ca, trust) if enclave.identity_ca else ()
         signing = signing_authorities(enclave.permissions_ca, trust) if enclave.permissions_ca else ()
         if trust.pins_signer:
@@ -158,7 +158,7 @@ class Views:
         return frozenset(self._number[c.sha256] for c in revoked(enclave, self._certificates, trust, at))
 
     def _later(self, enclave: Enclave, trust: Trust) -> Iterator[tuple[datetime, int, frozenset[int]]]:
-        """What is revoked at each instant around which another list counts (0), and behind it (1)."""
+        """What is revoked at each instant at which another list counts (0), and right after it (1)."""
         for date in list_dates(enclave, trust, self._at):
             yield from ((date, behind, self._revoked(enclave, trust, date + behind * SECOND)) for behind in (0, 1))
 

@@ -135,7 +135,7 @@ def test_a_solver_that_does_not_end(analyzer: Engine, tmp_path: Path) -> None:
     """Its children end with it: they would run for longer than pytest's `faulthandler_timeout` lets a test run."""
     slow = java(tmp_path, analyzer, f"sleep 1234567 & echo $! > '{tmp_path}/child'; wait")
     message = failing(analyzer, EngineTimeout, java=slow, timeout=1)
-    assert "after 1 seconds" in message
+    assert "within 1 seconds" in message
     assert "--timeout" in message
     child = Path(f"/proc/{(tmp_path / 'child').read_text().strip()}/stat")
     assert not child.exists() or child.read_text().split()[2] == "Z"
@@ -221,15 +221,15 @@ def test_a_counterexample_that_cannot_be_read(damage: str, analyzer: Engine, rec
 @pytest.mark.parametrize(
     ("shell", "said"),
     [
-        (f"{ANSWER}; {ANSWER}", "another answer"),
-        (f"if test -e ../first; then cat ../first; else {ANSWER} | tee ../first; fi", "another answer"),
-        ('echo "$NONCE 0000 $STATUS"', "another answer"),
-        ('echo "0000 $DIGEST $STATUS"', "another answer"),
-        ('echo "$NONCE $DIGEST"', "another answer"),
-        ('echo "$NONCE $DIGEST $STATUS 0"', "another answer"),
-        ('echo "$STATUS"', "another answer"),
-        (f"echo hello; {ANSWER}", "another answer"),
-        ("yes", "another answer"),
+        (f"{ANSWER}; {ANSWER}", "no valid answer"),
+        (f"if test -e ../first; then cat ../first; else {ANSWER} | tee ../first; fi", "no valid answer"),
+        ('echo "$NONCE 0000 $STATUS"', "no valid answer"),
+        ('echo "0000 $DIGEST $STATUS"', "no valid answer"),
+        ('echo "$NONCE $DIGEST"', "no valid answer"),
+        ('echo "$NONCE $DIGEST $STATUS 0"', "no valid answer"),
+        ('echo "$STATUS"', "no valid answer"),
+        (f"echo hello; {ANSWER}", "no valid answer"),
+        ("yes", "no valid answer"),
         ("rm diagnostics; " + ANSWER, "answered 0 of"),
         ('STATUS=7; ' + ANSWER, "status 7"),
         (f"{ANSWER}; kill -9 $PPID", "killed by signal 9"),
@@ -243,7 +243,7 @@ def test_a_program_that_lies_or_ends(shell: str, said: str, analyzer: Engine, re
 
 def test_a_program_that_falls_silent(analyzer: Engine, records: Path, tmp_path: Path) -> None:
     silent = in_front(tmp_path, analyzer, records, f"test -e ../first && sleep 1000; touch ../first; {ANSWER}")
-    assert "after 1 seconds" in failing(analyzer, EngineTimeout, java=silent, timeout=1)
+    assert "within 1 seconds" in failing(analyzer, EngineTimeout, java=silent, timeout=1)
 
 
 def test_what_was_recorded_is_an_answer(analyzer: Engine, records: Path, tmp_path: Path) -> None:
