@@ -95,7 +95,7 @@ class Radii:
         return any(view.authenticated(enclave) for view in self._trust_domains)
 
     def of(self, enclave: int) -> BlastRadius:
-        """Of who holds the key of the enclave, and so of all that have the same one."""
+        """The blast radius of the enclave's key, and so of all enclaves with the same key."""
         acting = frozenset(self._flows.acting(enclave))
         written, forged, read = self.abilities(acting)
         mine = bits(acting)
@@ -151,7 +151,7 @@ class Radii:
 
     @cached_property
     def _forged_to(self) -> list[int]:
-        """By participant, who takes what it makes with its keys."""
+        """By participant, who accepts what it makes with its keys."""
         return self._influence(Attacker.SOURCE).hops
 
     def _influence(self, attacker: Attacker) -> Influence:

@@ -35,7 +35,7 @@ def authorities(system: System, key: int) -> frozenset[int]:
 def holding(system: System, key: int) -> System:
     """The system with the holder of the key in it: as every identity that it has, and as every one that it can make.
 
-    The enclaves that come after those of `system` are its own, beside those of `system` that have the key. Raises
+    The enclaves after those of `system` are the holder's, as are those of `system` that have the key. Raises
     errors.BudgetExceeded where grants name too many subjects.
     """
     known = {enclave.identity for enclave in system.enclaves}
@@ -45,7 +45,7 @@ def holding(system: System, key: int) -> System:
 
 
 def holding_both(system: System, key: int) -> System:
-    """The same for who holds the key of an enclave as well, whichever it is: an enclave's identity with this key."""
+    """The same for somebody who also holds the key of an enclave, whichever it is: its identity with this key."""
     identities = sorted({enclave.identity for enclave in system.enclaves if enclave.identity is not None})
     named = ((each, (n for n, grant in enumerate(system.grants) if each in grant.names)) for each in identities)
     made = [(system.certificates[each].issuers, frozenset(grants)) for each, grants in named]
@@ -124,7 +124,7 @@ def radius_of_enclave(system: System, left_out: int, path: str) -> BlastRadius:
 def _added(
     system: System, key: int, held: Iterable[int], made: Sequence[tuple[frozenset[int], frozenset[int]]]
 ) -> System:
-    """With enclaves of the holder of the key, in whatever trust domain: their own verdicts matter to nobody.
+    """With enclaves of the key's holder, in whatever trust domain: their own verdicts matter to nobody.
 
     `held`: certificates that are their identities. `made`: new ones with the key, always in force, by who issued each
     and the grants that name its subject.

@@ -1,4 +1,4 @@
-"""Where a claim of ability does not count on data: channels that no node of ROS 2 uses, or that cannot be had.
+"""Where a claim of ability does not count on data: channels that no node of ROS 2 uses, or that do not exist.
 
 What is left out makes such a claim harder to keep, never easier.
 """
@@ -41,8 +41,8 @@ _SILENT: Final = frozenset({"Ed25519", "Ed448"})
 def pairs(
     claim: Claim, system: System, channels: Channels, known: Iterable[str], unusable: frozenset[int]
 ) -> tuple[tuple[Place, Place], ...]:
-    """From which place data must get to which: from every enclave that globs name, and every topic or glob on topics,
-    to every other. `known`: the paths of all enclaves; those that the system lacks (MUST) are a place that is nowhere.
+    """From which place data must get to which: from each enclave that globs name, and each topic or glob on topics, to
+    each other. `known`: the paths of all enclaves; those that the system lacks (MUST) are a place that is nowhere.
 
     Raises errors.UsageError for more than MAX_PAIRS.
     """
@@ -96,7 +96,7 @@ def stopped(
     usability: Mapping[tuple[str, str], Usability],
     profiles: Sequence[Profile],
 ) -> frozenset[int]:
-    """Enclaves that do not start under some profile of the system, or (MUST) may not; and those that nobody talks to.
+    """Enclaves that do not start under some profile of the system, or (MUST) may not, and those without any peer.
 
     `usability`: by directory and profile, at the audit instant.
     """
@@ -110,7 +110,7 @@ def stopped(
 def stopping(
     system: System, keystore: Keystore, usabilities: Usabilities, until: datetime, profiles: Sequence[Profile]
 ) -> frozenset[int]:
-    """Enclaves that start no more, or not yet, at some instant until then: of certificates, lists and grants."""
+    """Enclaves that do not start at some instant until then, by dates of certificates, lists and grants."""
     now = system.instants[system.now]
     if until <= now:
         return frozenset()
@@ -172,9 +172,9 @@ def starts_alone(
 
 
 def with_refusals(system: System, keystore: Keystore, profiles: Sequence[Profile]) -> System:
-    """With whom enclaves refuse under some profile, from the audit instant on.
+    """The system with whom enclaves refuse under some profile, from the audit instant on.
 
-    Trust domains come apart by that: two may trust alike, and read the same authorities in another order.
+    That splits trust domains: two may trust alike but read the same authorities in another order.
     """
     number = {atom.label: n for n, atom in enumerate(system.enclaves)}
     there = [(number[each.path], each) for each in keystore.enclaves if each.path in number]
@@ -201,7 +201,7 @@ def with_refusals(system: System, keystore: Keystore, profiles: Sequence[Profile
 
 
 def _moments(system: System, enclave: Enclave, trusts: Iterable[Trust]) -> Iterator[tuple[int, datetime]]:
-    """From the audit's on: the moments (`permission.Permissions`) at which the enclave may come to refuse others."""
+    """The moments (`permission.Permissions`), from the audit's on, at which the enclave may come to refuse others."""
     now = system.instants[system.now]
     authorities = enclave.identity_ca.certificates if enclave.identity_ca is not None else ()
     dates = {now, *(date for each in authorities for date in (each.not_before, each.not_after))}
@@ -217,7 +217,7 @@ def _refused(
     trusts: Collection[Trust],
     moments: Iterable[tuple[int, datetime]],
 ) -> Iterator[tuple[int, frozenset[int]]]:
-    """Whom of those known the enclave refuses under some of the rows; and again at each moment that changes it."""
+    """The known certificates that the enclave refuses under some of the rows; again at each moment that changes it."""
     before: frozenset[int] | None = None
     for moment, at in moments:
         found = frozenset(
@@ -266,9 +266,9 @@ def _closed(
     profiles: Iterable[Profile],
     at: datetime,
 ) -> Iterator[int]:
-    """Domain classes in which an enclave does not start whose governance covers them, although it does in others.
+    """Governed domain classes in which an enclave does not start, although it does in others.
 
-    OpenDDS alone decides that by the domain's rules; with others, who has rights in a domain starts there.
+    Only OpenDDS decides that by the domain's rules; elsewhere, an enclave with rights in a domain starts there.
     """
     for profile in profiles:
         if all(each.local.joins is not JoinCheck.TABLE_63 for each in at_work((profile,))):

@@ -50,10 +50,10 @@ from keystore_audit.profiles import Profile
 def lasting(
     claims: Iterable[Claim], local: Iterable[datetime], excluded: Collection[datetime] = ()
 ) -> tuple[Claim, ...]:
-    """The claims, each with an end after what may happen before its own, or at it.
+    """The claims, each with an end after everything that may happen before its own end, or at it.
 
     `local`: dates that some implementation reads in a zone that we do not know, 14 hours earlier at most. `excluded`:
-    ends of grants that some implementation counts no more at the end itself.
+    ends of grants that some implementation no longer counts at the end itself.
     """
     ends = sorted(local)
 
@@ -125,7 +125,7 @@ def with_claims(
 
 
 def _readings(resolved: Callable[[System], System], system: System) -> Iterator[System]:
-    """The system with its claims, in two readings if it is read whole, and who starts is not known for all that."""
+    """The system with its claims; in two readings where all of it was read, but who starts is still not certain."""
     found = resolved(system)
     yield found
     if system.may and not system.has_doubt:
@@ -205,7 +205,7 @@ class _Resolution:
         return unusable(self._system, self._channels, self._keystore, self._usabilities, self._profiles)
 
     def _away(self, until: datetime | None) -> tuple[frozenset[int], frozenset[int]]:
-        """Enclaves that take no part in what a claim of ability asks for; and who else at some instant until then."""
+        """Enclaves without a part in what a claim of ability asks for; and who else at some instant until then."""
         profiles = self._profiles
         now = stopped(self._system, self._keystore, self._usability, profiles) | unmanaged(self._system)
         if until is None:
@@ -259,7 +259,7 @@ class _Resolution:
         return starts_alone(self._system, *about, joining, claim.until, self._profiles)
 
     def _source(self, claim: Claim, away: frozenset[int]) -> Place:
-        """As the claim says; else the one enclave that may publish, if one may. That no other does, engines ask."""
+        """The claim's source; else the one enclave that may publish, if any. Engines ask whether no other does."""
         if claim.kind is not ClaimKind.ONLY_PUBLISH:
             return self._place(claim, claim.source, away)
         asked = self._place(claim, claim.target, frozenset()).channels
@@ -280,6 +280,6 @@ class _Resolution:
         return named_enclaves(self._system, globs, self._known, unread=unread)
 
     def _until(self, until: datetime) -> int:
-        """The last instant at which the claim must hold; one that has passed is asked about now."""
+        """The last instant at which the claim must hold; one in the past is asked about now."""
         index = sum(1 for instant in self._system.instants if instant <= until) - 1
         return max(index, self._system.now)

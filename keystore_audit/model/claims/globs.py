@@ -1,4 +1,4 @@
-"""Globs on names, as settings and options have them: what they match, their regions, and what was perhaps meant."""
+"""Globs on names, as settings and options have them: what they match, their regions, and a guess what was meant."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def nearest(glob: str, paths: Sequence[str]) -> str:
 
 
 def at(place: str) -> str:
-    """How a message begins about what stands at the place; nothing where that is not known."""
+    """The beginning of a message about the place; empty where the place is not known."""
     return f"{place}: " if place else ""
 
 
 def named_paths(glob: str, paths: Sequence[str], place: str) -> list[str]:
-    """The enclaves that the glob names, which stands at the place. Raises errors.UsageError where there are none."""
+    """The enclaves that the glob at the place names. Raises errors.UsageError where there are none."""
     found = matching(glob, paths)
     if not found:
         raise UsageError(f"{at(place)}{glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
@@ -82,15 +82,14 @@ def topic_regions(topics: tuple[str, ...]) -> tuple[ReadRegion, ...]:
 
 
 def means_everybody(glob: str) -> bool:
-    """Whether it matches whatever an enclave may be called."""
+    """Whether it matches every possible name of an enclave."""
     return glob.rstrip("*") == "/" != glob
 
 
 def named_enclaves(system: System, globs: Collection[str], known: Collection[str], *, unread: bool) -> frozenset[int]:
     """The enclaves that the globs name; `known`: the paths of all that could be read.
 
-    `unread`: and those (MAY) of which nobody knows what they are called, and unmanaged identities where everybody is
-    meant.
+    `unread`: also (MAY) those with unknown names, and unmanaged identities where everybody is meant.
     """
     found = all_matching(globs, [enclave.label for enclave in system.enclaves]).intersection(known)
     named = frozenset(number for number, enclave in enumerate(system.enclaves) if enclave.label in found)
@@ -107,7 +106,7 @@ def left_out(system: System, globs: Collection[str], known: Collection[str]) -> 
 
 
 def nameless(system: System, known: Collection[str]) -> frozenset[int]:
-    """(MAY) Those of which nobody knows what they are called."""
+    """(MAY) The enclaves with unknown names."""
     return frozenset(n for n, enclave in enumerate(system.enclaves) if enclave.opaque and enclave.label not in known)
 
 
@@ -119,7 +118,7 @@ def unmanaged(system: System) -> frozenset[int]:
 def with_all_certificates(system: System, enclaves: Iterable[int]) -> frozenset[int]:
     """The enclaves, and the others as which they can join: enclaves and unmanaged identities that have their keys.
 
-    Of those that could not be read (MAY) nobody knows whose key they have.
+    Of unread ones (MAY) it is unknown whose key they have.
     """
     enclaves = frozenset(enclaves)
     keys = {system.key_of(number) for number in enclaves} - {None}

@@ -111,7 +111,7 @@ def with_subjects_elsewhere(systems: Iterable[System]) -> tuple[System, ...]:
 
 
 def same_elsewhere(system: System, enclave: int) -> Iterator[int]:
-    """The certificates that stand for whoever has the subject of the enclave and is not here."""
+    """The certificates that stand for holders of the enclave's subject elsewhere."""
     identity = system.enclaves[enclave].identity
     elsewhere = [number for number, certificate in enumerate(system.certificates) if certificate.elsewhere]
     if identity is not None and elsewhere:
@@ -183,9 +183,9 @@ class _Here:
         )
 
     def lacking(self, subject: str, named: set[int]) -> Sequence[TrustDomainAtom]:
-        """TrustDomains in which nobody here has the subject. `named`: whom grants name that have it.
+        """Trust domains in which nobody here has the subject. `named`: certificates with it that grants name.
 
-        Of an enclave that was left out nobody knows which do.
+        It is unknown which trust domains an enclave that was left out is in.
         """
         having = named.intersection(self._meant.get(meaning(subject), ()))
         if having & self._left_out:
@@ -215,10 +215,10 @@ class _Here:
 
 
 def permitted(system: System, globs: Collection[str], known: Collection[str], channels: frozenset[int]) -> Place:
-    """Whom the globs name, of all enclaves (`known`) those that are in the system; without globs some writer.
+    """The enclaves that the globs name, of all (`known`) those in the system; without globs some writer.
 
-    With whoever has the subject of one elsewhere, where its peers refuse the certificate that it has here. And (MUST)
-    with what may be of enclaves that were left out and that are meant: that they publish is no violation.
+    Included is who has the subject of one elsewhere, where its peers refuse the certificate here. Included too (MUST)
+    is what may belong to intended enclaves that were left out: if they publish, that is no violation.
     """
     if globs:
         here = named_enclaves(system, globs, known, unread=False)
@@ -228,7 +228,7 @@ def permitted(system: System, globs: Collection[str], known: Collection[str], ch
 
 
 def _with_theirs(system: System, enclaves: frozenset[int], unread: Iterable[Participant]) -> Place:
-    """The enclaves, whoever has their subjects elsewhere, and each certificate that may be one of `unread`."""
+    """The enclaves, holders of their subjects elsewhere, and each certificate that may belong to one of `unread`."""
     identities = {each.identity for each in unread}
     anybody = None in identities
     keys = {system.certificates[identity].key for identity in identities if identity is not None}
@@ -284,7 +284,7 @@ class Forward(Struct, frozen=True, kw_only=True):
 
 
 class Determinism(Struct, frozen=True, kw_only=True):
-    """That two runs show the same on `low` (DDS topics), whatever comes from `high`, if all other inputs are the same.
+    """A claim that two runs show the same on `low` (DDS topics), whatever comes from `high`, with equal other inputs.
 
     `forwards`: those on which what is on `low` depends. The rest is as in `claims.Claim`.
     """

@@ -122,7 +122,7 @@ be filled up by hand: data of two labels counts as having both.
 
 
 def turned(lattice: Lattice) -> Lattice:
-    """The same upside down."""
+    """The same lattice upside down."""
     return {label: frozenset(other for other, ends in lattice.items() if label in ends) for label in lattice}
 
 
@@ -233,7 +233,7 @@ class Labelling(Struct, frozen=True, kw_only=True):
         return tuple(place for place in places if place.enclaves or place.topics)
 
     def claims(self) -> tuple[Claim, ...]:
-        """That nothing flows between labels between which it may not: for each two, one for each sort of places.
+        """The claims that nothing flows between labels where it may not: for each two, one for each sort of places.
 
         Together they say what the labels say. Raises errors.UsageError where there are too many.
         """

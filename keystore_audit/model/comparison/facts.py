@@ -1,6 +1,6 @@
-"""Differences between both sides as facts, noted one by one and told together; and what turns out to follow from them.
+"""Differences between both sides as facts, noted one by one and told together, and what follows from them.
 
-Whoever compares something yields a draft for each enclave and each pair of profiles; `folded` makes changes of them.
+A comparison yields a draft for each enclave and each pair of profiles; `folded` makes changes of them.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Draft(Change, frozen=True, kw_only=True, eq=False):
     follows: list[Draft] = field(default_factory=list)
 
     def change(self, sides: Sides, labels: tuple[str, ...]) -> Change:
-        """The change with its names and consequences; those that say the same of other names are one."""
+        """The change with its names and consequences; parts that say the same of other names are one."""
         effects: dict[Consequence, int] = {}
         for shown in self.follows:
             effect = Consequence(**{name: getattr(shown, name) for name in Consequence.__struct_fields__})
@@ -93,7 +93,7 @@ _APART: Final = frozenset(Draft.__struct_fields__) - {
 
 
 def folded(drafts: Iterable[Draft], sides: Sides, *, complete: bool = False) -> Iterator[Draft]:
-    """Those that say the same of several enclaves as one, and so of dates that moved the same way; in the first place.
+    """Drafts that say the same of several enclaves as one, also dates that moved the same way; in the first place.
 
     `complete`: each has all its profiles; else what it says under each of them is noted one by one.
     """
@@ -124,7 +124,7 @@ def folded(drafts: Iterable[Draft], sides: Sides, *, complete: bool = False) -> 
 
 
 def accounted(drafts: Iterable[Draft], sides: Sides) -> list[Draft]:
-    """What shows, folded: given to the changes that account for it; those that nothing accounts for."""
+    """The differences, folded: given to the changes that account for them. Returned are those without any."""
     found = list(folded(drafts, sides))
     effects = gathered(
         ((each.cause, each.kind, each.what, each.operation, each.reasons, each.influenced, each.profiles), each)
@@ -144,7 +144,7 @@ def accounted(drafts: Iterable[Draft], sides: Sides) -> list[Draft]:
 
 
 def shares(candidates: Iterable[tuple[Draft, int]], left: int) -> Iterator[tuple[Draft | None, int]]:
-    """What of a set each change accounts for, the nearest first; and (None) what none of them does."""
+    """What of a set each change accounts for, the nearest first; and (None) the rest."""
     for draft, part in candidates if left else ():
         if part & left:
             yield draft, part & left
@@ -154,7 +154,7 @@ def shares(candidates: Iterable[tuple[Draft, int]], left: int) -> Iterator[tuple
 
 
 class Causes:
-    """Changes, and by whether something is gained those that may account for it: the other way round come last.
+    """Changes and, by whether something is gained, those that may account for it; opposite ones come last.
 
     `rows`: of protection. `everybody`: those that bear on what peers accept from any enclave. `grants`: rights.
     """
@@ -190,7 +190,7 @@ def _either_way_round(draft: Draft) -> tuple[int, str, tuple[str, ...], str, str
 
 
 def agreeing(drafts: Iterable[Draft]) -> tuple[list[Draft], list[Draft]]:
-    """In the order in which they account for a loss, and for a gain: those last that are the other way."""
+    """In the order in which they account for a loss, and for a gain: opposite ones last."""
     several = list(drafts)
     loss, gain = (
         sorted(several, key=lambda draft: (draft.direction is other, draft.direction is Direction.INFO))
@@ -200,7 +200,7 @@ def agreeing(drafts: Iterable[Draft]) -> tuple[list[Draft], list[Draft]]:
 
 
 def order(draft: Draft) -> tuple[bool, int, int, str, tuple[str, ...], str]:
-    """Other authorities first, on which all rests; else by layer; gains come first, and last what nobody notices."""
+    """Other authorities first, since all rests on them; else by layer. Gains come first, unnoticeable changes last."""
     what = draft.what + "".join(f"{aspect.what} {aspect.old} {aspect.new}" for aspect in draft.aspects)
     other = draft.kind != AUTHORITY
     return other, _LAYERS.index(draft.layer), ORDER.index(draft.direction), draft.kind, draft.enclaves, what

@@ -46,7 +46,7 @@ class Right(NamedTuple):
 
     @property
     def direction(self) -> Direction:
-        """What became of it."""
+        """Gained or lost."""
         return Direction.GAINED if self.gained else Direction.LOST
 
 
@@ -64,7 +64,7 @@ class Given(NamedTuple):
         return tuple([Step(channels, True, None), _ELSE] for channels in self)
 
     def channels(self, view: View, operation: str) -> int:
-        """Where the operation is given: for joining, all names of the domains."""
+        """The channels on which the operation is given; for joining, all names of the domains."""
         if operation == JOIN:
             return view.decisions.within(members(self.joined))
         return int(getattr(self, operation))
@@ -93,7 +93,7 @@ def given(view: View, grant: int | None) -> Given:
 def right_drafts(
     sides: Sides, pair: Pair, path: str, right: Right, channels: int, *, layer: Layer, kind: str, verb: str = ""
 ) -> Iterator[Draft]:
-    """The right that the enclave gained or lost there; what it may still do in spite of that, and until when, apart."""
+    """The right that the enclave gained or lost there. Apart from it: what it may still do, and until when."""
     parts = [] if right.gained else [*_still(sides, pair, path, right.operation, channels)]
     return changed_right(pair, right, channels, parts, layer=layer, kind=kind, verb=verb, enclaves=(path,))
 
@@ -128,7 +128,7 @@ def changed_right(
 
 
 def _still(sides: Sides, pair: Pair, path: str, operation: str, channels: int) -> Iterator[tuple[int, str]]:
-    """What each grant that is not over, begun or not, leaves a participant of that name, and until when at most."""
+    """What each grant that is not over, begun or not, still gives a participant of that name, and until when."""
     view, enclave = pair.kept, sides.enclaves[0].get(path)
     system, number = view.system, view.numbers.get(path)
     identities: set[int] = set()
@@ -146,7 +146,7 @@ def _still(sides: Sides, pair: Pair, path: str, operation: str, channels: int) -
 
 
 def may(verb: str, until: str | None, *, gained: bool) -> str:
-    """What somebody may do, as a verb phrase; never that a right is gone which they still have."""
+    """What somebody may do, as a verb phrase. It never says that a right is gone while it is still effective."""
     if gained:
         return f"may {verb}"
     return f"may no longer {verb}" if until is None else f"may still, until {until}, {verb}"
@@ -193,7 +193,7 @@ class Changed(NamedTuple):
 
 
 def compared(sides: Sides, pair: Pair, old: Rights, new: Rights) -> Iterator[Changed]:
-    """Operations with the channels on which they were gained, or lost; joining where that does not say it already."""
+    """Operations with the channels on which they were gained, or lost; joining only if the others do not imply it."""
     touched = {True: 0, False: 0}
     for operation, before, after in zip(WORDS, old, new, strict=True):
         joining = operation == JOIN
@@ -211,13 +211,13 @@ def compared(sides: Sides, pair: Pair, old: Rights, new: Rights) -> Iterator[Cha
 
 
 def differing(sides: Sides, pair: Pair, old: Given, new: Given) -> Iterator[tuple[Right, int]]:
-    """The same of what grants give in all, without rules."""
+    """The same for everything that grants give, without rules."""
     if old != new:
         yield from ((each.right, each.channels) for each in compared(sides, pair, old.rights, new.rights))
 
 
 def both_ways(sides: Sides, before: int, after: int) -> Iterator[tuple[bool, int]]:
-    """The channels that were gained, and those that were lost, with whether they were gained; if there are any."""
+    """The channels that were gained, and those that were lost, each with whether they were gained, if there are any."""
     old, new = (Given(each).rights[0] for each in (before, after))
     for difference in sorted(compare(old, new, sides.mask), key=lambda each: each.left.allow):
         yield difference.right.allow, difference.channels
@@ -339,7 +339,7 @@ def _begin_later(view: View) -> list[int]:
 
 
 def _beginning(sides: Sides, view: View, later: list[int], path: str) -> dict[tuple[Dates, Given], Location]:
-    """What those of the grants that are the enclave's say, when and what they give; and where that is written."""
+    """What the enclave's own grants among these give, when, and where it is written."""
     enclave = view.enclave(path)
     domains = bits(number for number, channels in enumerate(view.decisions.channels_in) if channels & sides.mask)
     counting = Given(sides.mask, sides.mask, sides.mask, domains)

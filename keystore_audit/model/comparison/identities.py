@@ -34,13 +34,13 @@ _Name = tuple[str, ...]
 they are too many to ask who takes each."""
 
 MAX_PAIRS: Final = 1_000_000
-"""Certificates and enclaves that may take them; beyond it every other certificate is another one."""
+"""Most pairs of a certificate and an enclave that may accept it; beyond, each other certificate is a different one."""
 
 MAX_PATHS: Final = 3
 """Enclaves that are told by their names; the rest are counted."""
 
 MAX_PERIODS: Final = 3
-"""Of those in which somebody is let in, that are told."""
+"""How many periods in which somebody is let in are told."""
 
 _UNREAD: Final = "unread "
 _CAS: Final = (Role.IDENTITY_CA, Role.PERMISSIONS_CA)
@@ -78,7 +78,7 @@ class _Taken(Struct, kw_only=True):
         return f"by {some(known, MAX_PATHS)}, {' and '.join(words)}{times}"
 
     def beyond(self, other: _Taken, sides: Sides) -> frozenset[str]:
-        """Those of the common enclaves that take it, now or later, when they do not take the other."""
+        """The common enclaves that accept it, now or later, at times when they do not accept the other."""
         return frozenset(
             path
             for path in self.periods.keys() & sides.both  # what others take is said with them
@@ -90,7 +90,7 @@ class _Taken(Struct, kw_only=True):
 
 
 def _joined(periods: Iterable[_Period]) -> tuple[_Period, ...]:
-    """Those that touch as one: the last second of a certificate is its own, and the next one may begin after it."""
+    """Touching periods as one: the last second of a certificate counts, and the next may begin after it."""
     found: list[_Period] = []
     for begin, end in sorted(periods):
         if found and begin - found[-1][1] <= SECOND:
@@ -171,7 +171,7 @@ def _unmanaged(subject: str, old: _Taken | None, new: _Taken | None, sides: Side
 def identities_certified_again(sides: Sides) -> Iterator[Draft]:
     """The enclaves of either keystore whose identity key has other certificates there than before (KA228).
 
-    Or whose further certificates other peers take than before, or from or until another time.
+    Also those whose further certificates other peers accept than before, or from or until another time.
     """
     again = [{enclave.path: others for enclave, others in certified_again(each)} for each in sides.keystores]
     takers = _takers(sides, max(sum(map(len, each.values())) for each in again))
@@ -203,7 +203,7 @@ def identities_certified_again(sides: Sides) -> Iterator[Draft]:
 def _words(
     table: Mapping[_Name, _Taken], old: Mapping[_Name, _Taken], new: Mapping[_Name, _Taken], sides: Sides
 ) -> str:
-    """Whom they name, and who issued them; where both keystores have such certificates, also who takes them."""
+    """The subjects and issuers; where both keystores have such certificates, also who accepts them."""
     return ", ".join(
         f"{name[1]}, issued by {name[2]}" + (f", let in {taken.by(sides.both)}" if name in old and name in new else "")
         for name, taken in table.items()
@@ -231,7 +231,7 @@ def shared_keys(sides: Sides) -> Iterator[Draft]:
 
 
 def foreign_keys(sides: Sides) -> Iterator[Draft]:
-    """Enclaves in whose key files others' private keys came or went: whoever has such a file is somebody else too."""
+    """Enclaves in whose key files others' private keys came or went: who has such a file is somebody else too."""
     every = [(path, enclave) for by_path in sides.enclaves for path, enclave in by_path.items()]
     authorities = {
         c.key: c.subject for _path, each in reversed(every) for role in _CAS for c in each.trusts(role)[::-1]
@@ -262,7 +262,7 @@ def foreign_keys(sides: Sides) -> Iterator[Draft]:
 
 
 def _foreign(enclave: Enclave | None) -> Mapping[str, int | None]:
-    """By key the line; a key of which it is not known whose it is, by the file."""
+    """By key the line; by the file for a key of unknown owner."""
     if enclave is None or enclave.key is None:
         return {}
     first = enclave.identity
@@ -283,9 +283,9 @@ def _key_file(enclave: Enclave | None, lines: Mapping[str, int | None]) -> Locat
 
 
 def weak_keys(sides: Sides) -> Iterator[Draft]:
-    """Keys of which anybody can have the private half: by themselves, beside each other, by what they signed.
+    """Keys of which anybody can have the private half: alone, beside each other, or by what they signed.
 
-    What the two keystores tell together is new: whoever has both finds it. A weak key is gone where nobody has it.
+    What the two keystores reveal together is new: who has both finds it. A weak key is gone where nobody has it.
     """
     old, new = (material_of_keystore(keystore) for keystore in sides.keystores)
     before, after, together = (

@@ -39,7 +39,7 @@ class RollOut:
 
         @cache
         def again(document: Typed) -> Typed:
-            """The document in its place in OLD, with all who may have signed it, of both."""
+            """The document in its place in OLD, with all who may have signed it in both."""
             read = read_governance if isinstance(document, GovernanceFile) else read_permissions
             return read(_was(document.signed.file), signers)
 
@@ -95,7 +95,7 @@ class RollOut:
         )
 
     def _gone(self, versions: Iterable[Version]) -> Iterator[Certificate]:
-        """Identities that enclaves had. Where one has the same name and authority now, it may do what that one may."""
+        """Identities that enclaves had. One with the same name and authority as a present one may do the same."""
         for path in sorted(path for path, is_new in versions if is_new):
             was, now = (
                 {

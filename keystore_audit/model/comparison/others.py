@@ -1,4 +1,4 @@
-"""Grants for subjects that are no enclave here: whoever holds such an identity may present the document.
+"""Grants for subjects that are no enclave here: the holder of such an identity may present the document.
 
 The keystore of one robot holds its own enclaves; its authorities vouch for those of others too.
 """
@@ -72,7 +72,7 @@ def others_grants(sides: Sides) -> tuple[list[Draft], frozenset[str]]:
 
 
 def _worded(draft: Draft) -> Draft:
-    """The change with the subjects, which stood in the place of enclaves, in its words."""
+    """The change with the subjects in its words, which stood in the place of enclaves."""
     subjects, direction = draft.enclaves, draft.direction
     more = f" and {len(subjects) - MAX_SUBJECTS} more" if len(subjects) > MAX_SUBJECTS else ""
     aspects = (
@@ -89,7 +89,7 @@ def _worded(draft: Draft) -> Draft:
 
 
 def _changes(sides: Sides, places: set[str]) -> Iterator[Draft]:
-    """One for each subject, difference and pair; adds the `places` of the documents."""
+    """One change for each subject, difference and pair; adds the `places` of the documents."""
     for pair in sides.pairs:
         views = pair.old, pair.new
         own, staying = ([_own_subjects(view, among) for view in views] for among in (None, sides.both))
@@ -198,7 +198,7 @@ def _granted(view: View, unguarded: int, skipped: frozenset[str]) -> dict[str, _
 
 
 def _unguarded(view: View) -> int:
-    """The domains that peers let everybody join whom some grant names, whatever it gives."""
+    """The domains that peers let everybody join who has a grant, whatever it gives."""
     protections = (each.protection for each in view.trust_domains if each.reading.requires_grant)
     return union(each.ruled & ~each.join_controlled for each in protections)
 

@@ -1,6 +1,6 @@
-"""What shows in what peers accept, in what attackers can do, in whether participants start, and in where data gets.
+"""Differences in what peers accept, what attackers can do, whether participants start, and where data gets.
 
-Each difference is a consequence of the change that accounts for it; a change of its own where none does.
+Each difference is a consequence of the change that accounts for it, or else a change of its own.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _OUTSIDE: Final[Mapping[str, Callable[[TrustDomainView], int]]] = {
 
 
 def reach_changes(sides: Sides, causes: Causes) -> Iterator[Draft]:
-    """What shows, each with its cause if there is one."""
+    """The differences, each with its cause if there is one."""
     for pair in sides.pairs:
         yield from _attributed(sides, causes, pair, _outsiders(sides, pair))
         for path in sides.compared:
@@ -119,7 +119,7 @@ def _shown(
 
 
 def _granted(causes: Causes, path: str, right: Right) -> int:
-    """Where the right is a change of the enclave's own document."""
+    """The channels on which the right is a change of the enclave's own document."""
     return union(
         draft.channels
         for draft in causes.of(path)
@@ -152,7 +152,7 @@ def _outsiders(sides: Sides, pair: Pair) -> Iterator[Draft]:
 
 
 def _newcomers(sides: Sides, pair: Pair, draft: Draft) -> Iterator[Draft]:
-    """What enclaves that one keystore alone has may do there."""
+    """What enclaves of only one keystore may do there."""
     gained = draft.kind == ADDED
     view = pair.new if gained else pair.old
     for path in draft.enclaves:
@@ -176,8 +176,7 @@ def _attributed(sides: Sides, causes: Causes, pair: Pair, drafts: Iterable[Draft
 def _accounting(sides: Sides, causes: Causes, shown: Draft) -> Iterator[tuple[Draft, int]]:
     """Changes that may account for a difference of this enclave, or of outsiders, and on which channels.
 
-    Of several alike, those first that are gains where this is one. To endpoints of its own rules of whatever domain
-    may apply.
+    Of several alike, gains come first where this is a gain. Rules of any domain may apply to its own endpoints.
     """
     gained, path, channels = shown.direction is Direction.GAINED, next(iter(shown.enclaves), None), shown.channels
     rows, everybody = causes.rows[gained], causes.everybody[gained]
@@ -199,7 +198,7 @@ def _in_domains_of(sides: Sides, channels: int) -> int:
 
 
 def _starts(sides: Sides, causes: Causes) -> Iterator[Draft]:
-    """Enclaves whose participants start no longer, or now do: a change of its own where nothing accounts for it."""
+    """Enclaves whose participants no longer start, or now do; a change of its own where nothing accounts for it."""
     found: dict[tuple[Draft | None, str, tuple[str, ...]], list[Draft]] = {}
     for path in sides.compared:
         directories = [by_path[path].files.directory for by_path in sides.enclaves]
@@ -238,7 +237,7 @@ def _granting(view: View, draft: Draft, channels: int) -> Location | None:
 
 
 class _Side:
-    """One keystore: the compared enclaves come first, in one order on both sides, then those that it alone has."""
+    """One keystore. The compared enclaves come first, in the same order on both sides, then those of it alone."""
 
     def __init__(self, view: View, paths: Sequence[str], left_out: int, kept: int) -> None:
         self._flows = Flows(view.system, trust_domain_views(view.system, view.permissions))
@@ -308,7 +307,7 @@ def _influences(sides: Sides, causes: Causes) -> Iterator[Draft]:
 
 
 def _pairs(side: _Side, other: _Side, common: int) -> _Pairs:
-    """Those of which the other side has not both ends are among them."""
+    """The pairs of one side alone; pairs of which the other side lacks an end are among them."""
     both = (1 << common) - 1
     found = {}
     for node, reached in enumerate(side.graph.flows):
@@ -320,7 +319,7 @@ def _pairs(side: _Side, other: _Side, common: int) -> _Pairs:
 
 
 def _hops(sides: Sides, causes: Causes, side: _Side, other: _Side, *, gained: bool) -> Iterator[_Blame]:
-    """Each hop of one side that the other has not, once, with the change that accounts for it."""
+    """Each hop of one side that the other lacks, once, with the change that accounts for it."""
     number = {path: number for number, path in enumerate(sides.compared)}
     both = (1 << len(number)) - 1
     coming = next((each for each in causes.drafts if each.kind == (ADDED if gained else REMOVED)), None)
@@ -381,7 +380,7 @@ def _shared(side: _Side, blames: list[_Blame], pairs: _Pairs) -> dict[Draft | No
 
 
 def _influenced(sides: Sides, side: _Side, pairs: _Pairs, blames: list[_Blame]) -> Influenced:
-    """The pairs, and the way of one of them: of one that is a hop itself, if there is one."""
+    """The pairs, and the way of one of them; preferably of one that is a hop itself."""
     direct = ((each.sender, pairs.get(each.sender, 0) & each.receivers) for each in blames)
     source, targets = next((each for each in direct if each[1]), next(iter(pairs.items())))
     way = side.way(source, lowest(targets))

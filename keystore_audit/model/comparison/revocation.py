@@ -1,4 +1,4 @@
-"""What revocation lists take back, before and after, where each implementation looks for them."""
+"""What revocation lists revoke, before and after, where each implementation looks for them."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _Label = tuple[str, str]
 
 
 class _Lists(Struct, frozen=True):
-    """The lists that an implementation reads, and by authority the one in which it looks up what that one issued."""
+    """The lists that an implementation reads; by authority, the one in which it looks up certificates of that one."""
 
     read: tuple[RevocationList, ...]
     used: Mapping[_Label, RevocationList | None]
 
     def refused(self, label: _Label) -> frozenset[int] | None:
-        """By serial number, what of the authority is not let in; None: nothing is, as none of the lists is of use."""
+        """By serial number, which certificates of the authority are refused; None: all, as no list is usable."""
         used = self.used[label]
         if used is None:
             return None if self.read else frozenset()
@@ -50,9 +50,9 @@ class _Lists(Struct, frozen=True):
 
 
 def revocation_facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Draft]:
-    """What lists take back, and until when they count, with the profiles under which that is another.
+    """What lists revoke, and until when they count, with the profiles under which that differs.
 
-    Of a list that is unknown nothing is said: `diff` lists it as such.
+    Of an unknown list nothing is said: `diff` lists it as such.
     """
     if not any(each.crl or (each.identity_ca and each.identity_ca.revocation_lists) for each in (old, new)):
         return  # nearly always
@@ -69,7 +69,7 @@ def revocation_facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Draft
 
 
 def _read(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> tuple[_Lists, _Lists, list[_Label]]:
-    """What is read on either side, and the authorities of both: what others issued is not let in at all."""
+    """What is read on either side, and the authorities of both: certificates of others are refused anyway."""
     pools = [identity_authorities(enclave, trust) for enclave in (old, new)]
     common = {each.key for each in pools[0]} & {each.key for each in pools[1]}
     sides = []
@@ -99,7 +99,7 @@ def _now(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> list[Draft]:
 def _later(old: Enclave, new: Enclave, trust: Trust, at: datetime) -> list[Draft]:
     """What is refused first, of lists that begin or end, that was not, and the other way round.
 
-    A void list refuses everybody: where one keystore alone has none in force, that is a matter of dates.
+    A void list refuses everybody. Where only one keystore has none in force, that is a matter of dates.
     """
     for date in sorted({date for each in (old, new) for date in ends_of_lists(each, trust, at)}):
         for moment in (date, date + SECOND):
@@ -146,7 +146,7 @@ def _beyond(one: _Lists, other: _Lists, labels: list[_Label]) -> list[str]:
 
 
 def _of_lists(one: RevocationList, other: RevocationList, at: datetime, *, told: bool) -> Iterator[Draft]:
-    """The dates of the lists, unless what they take back is `told`, and extensions that OpenSSL cannot process."""
+    """The dates of the lists, unless what they revoke is `told`, and extensions that OpenSSL cannot process."""
     if one.unknown_critical != other.unknown_critical:
         aspect = listing("critical extensions", one.unknown_critical, other.unknown_critical, Direction.CHANGED)
         yield fact("revocation", Direction.CHANGED, "its revocation lists have other critical extensions", aspect)

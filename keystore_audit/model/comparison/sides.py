@@ -45,7 +45,7 @@ BEFORE: Final = "old:"
 
 
 class View(Peers):
-    """One keystore under one system, what could not be read left out. `evidence`: its enclaves by their paths."""
+    """One keystore under one system, without what could not be read. `evidence`: its enclaves by their paths."""
 
     def __init__(
         self, system: System, decisions: Decisions, keystore: Keystore, accesses: AccessViews, access: Access
@@ -69,7 +69,7 @@ class View(Peers):
         return found
 
     def letting_in(self, path: str) -> tuple[int, ...]:
-        """The trust domains, by their places, that take the enclave for who it says it is, whatever the dates."""
+        """The trust domains, by their places, that accept the enclave's identity, whatever the dates."""
         number = self.numbers.get(path)
         return (
             ()
@@ -83,12 +83,12 @@ class View(Peers):
 
     @cached_property
     def taken(self) -> frozenset[int]:
-        """The documents that some peer takes."""
+        """The documents that some peer accepts."""
         return frozenset(document for trust_domain in self.trust_domains for document in trust_domain.accepted)
 
     @cached_property
     def let_in(self) -> frozenset[int]:
-        """The enclaves that some peer takes for who they say they are."""
+        """The enclaves whose identity some peer accepts."""
         known = (number for number, each in enumerate(self.system.enclaves) if each.identity is not None)
         return frozenset(
             number for number in known if any(trust_domain.authenticated(number) for trust_domain in self.trust_domains)
@@ -112,7 +112,7 @@ class View(Peers):
 
     @cached_property
     def keeps(self) -> bool:
-        """Whether some peer takes anything that OLD alone has."""
+        """Whether some peer accepts anything that only OLD has."""
         documents = any(self.system.documents[each].label.startswith(BEFORE) for each in self.taken)
         return documents or any(self.system.enclaves[n].location.path.startswith(BEFORE) for n in self.let_in)
 
@@ -122,7 +122,7 @@ class View(Peers):
         return next(iter(self.permissions.chosen(enclave.identity, enclave.permissions)), None)
 
     def presented(self, path: str) -> list[int]:
-        """The grants that count of all documents that name the enclave and that some peer takes."""
+        """The grants that count, of all documents that name the enclave and that some peer accepts."""
         return self.permissions.chosen(self.enclave(path).identity, self.taken)
 
     def made(self, enclave: int, operation: Operation) -> int:
@@ -142,7 +142,7 @@ class View(Peers):
 class Pair(Struct, frozen=True, kw_only=True):
     """Both keystores as some profiles read them. `lead`: one of the profiles.
 
-    `kept`: the new one with what the old one alone has beside it, which nobody can call back.
+    `kept`: the new one, with all that only the old one has: nobody can call that back.
     """
 
     profiles: tuple[str, ...]
@@ -196,7 +196,7 @@ class Sides:
         self._doubtful = frozenset(self._doubted())
 
     def _paired(self) -> Iterator[Pair]:
-        """One pair for the profiles that have both keystores' views in common."""
+        """One pair for all profiles that share the views of both keystores."""
         olds, news = (self._views(keystore) for keystore in self.keystores)
         kept = news if self._kept is self.keystores[1] else self._views(self._kept)
         views = (olds, news, kept)
@@ -206,7 +206,7 @@ class Sides:
             yield Pair(profiles=names, lead=alike[0], old=olds[names[0]], new=news[names[0]], kept=kept[names[0]])
 
     def _views(self, keystore: Keystore) -> dict[str, View]:
-        """By profile. What could not be read is told apart: it is not compared."""
+        """By profile. What could not be read is kept apart and not compared."""
         builder = SystemBuilder(keystore, self.profiles, self.at, self.accesses, channels=self.channels)
         shared: dict[tuple[int, int], Decisions] = {}
         found: dict[str, View] = {}
@@ -231,7 +231,7 @@ class Sides:
             yield Unread(side="new", enclave=None, location=Location(path=place), reason=reason)
 
     def _doubted(self) -> Iterator[str]:
-        """The paths of enclaves of which something could not be read on one side: all that share a file."""
+        """The paths of enclaves with something unread on one side; all that share a file are among them."""
         for keystore in self.keystores:
             for profile in self._kinds.values():
                 row = self.accesses.row(profile.access)
@@ -271,14 +271,14 @@ class Sides:
             yield pair, *self._letting[key]
 
     def is_void(self, document: Typed | None, profile: Profile) -> bool:
-        """Whether an implementation takes the document for none, whoever signed it: then it says nothing."""
+        """Whether an implementation rejects the document, whoever signed it: then it says nothing."""
         if document is None:
             return False
         refused = self.accesses.read(document, profile.access).refusal is not None
         return refused or envelope(document.signed).verdict is Truth.NO
 
     def refused(self, pair: Pair, path: str, document: str) -> bool:
-        """Whether the implementations take the enclave's governance or permissions, old or new, for none."""
+        """Whether the implementations reject the enclave's governance or permissions, old or new."""
         return any(self.is_void(getattr(by_path[path], document), pair.lead) for by_path in self.enclaves)
 
     def in_order(self, profiles: Iterable[str]) -> tuple[str, ...]:
@@ -291,7 +291,7 @@ class Sides:
         return path not in self._doubtful
 
     def alone(self, side: int) -> list[str]:
-        """The paths of enclaves that one side (0: old, 1: new) has alone, and of which everything could be read."""
+        """The paths of enclaves that only one side (0: old, 1: new) has, and of which everything could be read."""
         other = self.enclaves[1 - side]
         return [path for path in self.enclaves[side] if path not in other and path not in self._doubtful]
 
@@ -324,7 +324,7 @@ class Sides:
         )
 
     def witnesses(self, channels: int) -> list[Name]:
-        """A name for each topic in each partition, single ones first, and those last that every node uses."""
+        """A name for each topic in each partition: single ones first, and last those that every node uses."""
         found: dict[tuple[str, str], tuple[list[Interval], list[bool]]] = {}
         for number in members(channels):
             for cell in self.channels.cells(number):

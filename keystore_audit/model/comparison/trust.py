@@ -57,7 +57,7 @@ _PRESENCE: Final = {
     Role.PERMISSIONS_CA: "permissions CA file",
     Role.GOVERNANCE: "governance",
 }
-"""Files whose absence is a change of its own. Without permissions there are no rights, which is one already."""
+"""Files whose absence is a change of its own. Missing permissions already show as missing rights."""
 
 
 def trust_changes(sides: Sides) -> Iterator[Draft]:
@@ -73,7 +73,7 @@ def trust_changes(sides: Sides) -> Iterator[Draft]:
 
 
 def _of_keystores(sides: Sides) -> Iterator[Draft]:
-    """The layout, and what lies in one keystore alone, by what tells it apart, with the place of the first."""
+    """The layout, and what only one keystore has, by what identifies it, with the place of the first."""
     kinds = [keystore.layout.kind.value for keystore in sides.keystores]
     if kinds[0] != kinds[1]:
         yield fact("layout", Direction.INFO, "the layout", Aspect("layout", kinds[0], kinds[1], Direction.INFO))
@@ -113,7 +113,7 @@ def _lying(keystore: Keystore) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _certified(keystore: Keystore) -> Iterator[Certificate]:
-    """Certificates of no enclave's key, and whose private key is not here, that an authority of the enclaves issued."""
+    """Certificates that an authority of the enclaves issued, of no enclave's key and without a private key here."""
     if not keystore.identities.keyless:  # nearly always
         return
     own = {enclave.identity.key for enclave in keystore.enclaves if enclave.identity is not None}
@@ -125,7 +125,7 @@ def _certified(keystore: Keystore) -> Iterator[Certificate]:
 
 
 def _anchors(sides: Sides) -> Iterator[Draft]:
-    """Authorities that came or went in files of which no enclave of both tells: in public/, or of other enclaves."""
+    """Authorities that came or went only in files of no common enclave: in public/, or of other enclaves."""
     for role, word in _AUTHORITIES.items():
         told = set[str]()
         for path in sides.common:
@@ -187,7 +187,7 @@ def _presences(old: Enclave, new: Enclave) -> Iterator[Draft]:
 
 
 def _identity(old: Enclave, new: Enclave, sides: Sides, *, reissued: bool) -> Iterator[Draft]:
-    """The identity certificate. `reissued`: its CA is another, so that it had to be."""
+    """The identity certificate. `reissued`: its CA is another, so that the identity had to be another too."""
     one, other = old.identity, new.identity
     if one is None or other is None or one.sha256 == other.sha256:
         return
@@ -301,7 +301,7 @@ def _by_authority(document: Typed, enclave: Enclave) -> bool:
 
 
 def _form(word: str, one: Typed, other: Typed) -> Iterator[Draft]:
-    """A document signed again in another form, where that is not what makes its signature hold or not.
+    """A document signed again in another form, unless that decides whether its signature holds.
 
     A weak digest is less protection: others may have the signature.
     """
@@ -343,7 +343,7 @@ def _issued_again(kind: str, what: str, old: Certificate, new: Certificate) -> I
 
 
 def _weaker(what: str, old: str | None, new: str | None, was_weak: bool, is_weak: bool) -> Aspect:
-    """Which of two weak ones is worse is not judged: one in the place of another is both."""
+    """Which of two weak ones is worse is not judged: replacing one by another is both a gain and a loss."""
     return Aspect(what, old, new, direction_of(is_weak, was_weak))
 
 
