@@ -34,9 +34,9 @@ MAX_TRIED: Final = 300
 def smallest_change(
     keystore: Keystore, claim: Claim, most: int, able: Sequence[Claim], given: Circumstances, engines: Engines
 ) -> Change:
-    """What restores that nothing gets through with `most` compromised participants, and keeps what `able` holds.
+    """The change after which nothing gets through with `most` compromised participants, and `able` still holds.
 
-    Raises errors.BudgetExceeded as whoever asks about the keystore as it is.
+    Raises errors.BudgetExceeded, as every question about the keystore does.
     """
     asked = (claim, *able)
     systems = _systems(keystore, asked, given)
@@ -88,7 +88,7 @@ def _holding(systems: Sequence[System], able: Sequence[Claim], engines: Engines)
 
 
 def _rights_of_a_flow(systems: Sequence[System], most: int) -> set[Right] | None:
-    """The rights that a flow may rest on which some set of compromised participants makes; None where there is none."""
+    """The rights on which a flow with some set of compromised participants may rest; None where there is none."""
     for system in _about(systems, slice(1)):
         fall = first_fall(system, most)
         if fall is not None:
@@ -97,9 +97,9 @@ def _rights_of_a_flow(systems: Sequence[System], most: int) -> set[Right] | None
 
 
 def _rights_at(system: System, leg: Leg) -> Iterator[Right]:
-    """Whatever grants name those at a hop, or have their keys, for what it takes or what meets that there.
+    """All rights that may let a sample over at a hop: of those at its ends, or with their keys, there or met there.
 
-    Who reads can forge, so that each operation counts.
+    Who reads can forge, so each operation counts.
     """
     at_it = {each for each in (leg.sender, leg.receiver) if each is not None}
     keys = {system.key_of(each) for each in at_it} - {None}
@@ -119,7 +119,7 @@ def _rights_at(system: System, leg: Leg) -> Iterator[Right]:
 def _confirmed(
     systems: Sequence[System], most: int, able: Sequence[Claim], kept: Collection[tuple[str, str]], engines: Engines
 ) -> bool:
-    """Whether all engines that are asked say so of the changed keystore."""
+    """Whether all engines that are asked confirm it for the changed keystore."""
     runs, told = run_falls(_about(systems, slice(1)), most, engines)
     answered = all(run.status is EngineStatus.OK for run in runs if run.required)
     survives = answered and bool(told) and not any(falls for answers in told.values() for falls in answers)
@@ -154,7 +154,7 @@ def _without(keystore: Keystore, taken: Collection[Right]) -> Keystore:
 
 
 def _changed(file: PermissionsFile, by_place: Mapping[str, Collection[tuple[int, str]]]) -> PermissionsFile:
-    """The file without them; itself where none stands in it, since files are compared by identity."""
+    """The file without these rights; the same object where it has none of them, since files compare by identity."""
     gone = by_place.get(file.signed.file.place)
     if gone is None:
         return file

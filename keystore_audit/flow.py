@@ -1,4 +1,4 @@
-"""Whether data or control gets from one place to another: `flow`, and whoever wants the answer as a value."""
+"""Whether data or control gets from one place to another: `flow`, and the Python interface to it."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ if TYPE_CHECKING:
 class FlowQuestion(Struct, frozen=True, kw_only=True):
     """From where to where, as places are written in settings; `through`: globs on enclaves that do not count.
 
-    `attackers`: None for each under whom there can be a flow at all. `compromised`: instead of them, that so many
-    enclaves attack at most, whichever they are; then `able` are claims that a change of rights must keep.
+    `attackers`: None for each under which a flow is possible at all. `compromised`: instead of them, at most so many
+    enclaves attack, whichever they are; then `able` are claims that a change of rights must keep.
     """
 
     source: str
@@ -153,7 +153,7 @@ def find_routed_flow(
     given: Circumstances,
     releases: Sequence[Release],
 ) -> FlowAnswer:
-    """The same by the files of sessions and routers there. Raises as `find_flow`, and where there is no such file."""
+    """The same by the session and router files there. Raises as `find_flow`, and where there is no such file."""
     from keystore_audit.engine.routed import decide
     from keystore_audit.zenoh.participants import flows_in
 
@@ -348,7 +348,7 @@ class _Asking:
         )
 
     def _by_profile(self, radius_in: Callable[[System], BlastRadius]) -> dict[str, ProfileRadius]:
-        """By profile the larger one, of the reading in which what could not be read may do anything."""
+        """By profile, the larger blast radius, in which unread parts may do anything."""
         found: dict[str, list[BlastRadius]] = {name: [] for name in self._profiles}
         for system in self._known.systems:  # of each kind the larger reading comes first
             answer = radius_in(system)

@@ -45,7 +45,7 @@ def suppressions(options: Options) -> tuple[Suppression, ...]:
 
 
 def complete(context: Context, judgement: Judgement) -> bool:
-    """Whether everything was decided. Each way in which it was not is looked at by itself, whatever the rules say."""
+    """Whether everything was decided. Each way in which it was not is checked by itself, whatever the rules say."""
     meaning = context.meaning
     return (
         bool(context.results)
@@ -108,7 +108,7 @@ def weakened(options: Options) -> tuple[str, ...]:
 
 
 def passed_over(options: Options, profiles: Sequence[Profile], environment: Environment | None) -> tuple[str, ...]:
-    """What the robots start with by the file of their variables and other options say otherwise, which count."""
+    """What robots start with, by the file of their variables, that options override."""
     if environment is None:
         return ()
     found = []
@@ -132,7 +132,7 @@ def while_accepted(safe: Horizon, judgement: Judgement, fail_on: Severity | None
 
 
 def assumptions(context: Context, options: Options) -> Iterator[Needed]:
-    """What this audit takes for granted: first what properties need, then what no property tells apart."""
+    """What this audit takes for granted: first what properties need, then the rest."""
     declared = options.settings.assumptions if options.settings else {}
     assumed = EVERY.difference(options.not_assumed)
     made = taken_for_granted(context.keystore, assumed, authorities_declared=context.authorities.complete)

@@ -182,7 +182,7 @@ def audit(
 
 
 def _drawn(report: Report, context: Context, accesses: AccessViews, options: Options) -> Report:
-    """The report with what no verdict rests on, where it is asked for or little work."""
+    """The report with its tables and pictures, on which no verdict rests, where asked for or cheap."""
     from keystore_audit.model import blast_radius
 
     about, systems = (context.keystore, context.fleets, options.at, accesses), context.meaning.systems

@@ -18,11 +18,10 @@ from keystore_audit.settings.document import Source
 
 
 def prove(path: Path, asked: Property, given: Circumstances, told: Given) -> tuple[AssertedResult, bytes | None]:
-    """What the native engine answers about the keystore at `path`; and the certificate, None unless it holds for
-    certain.
+    """What the native engine answers about the keystore at `path`; and the certificate, None unless it certainly
+    holds.
 
     `told` is what the checker is to be told.
-
     Raises certificate.errors.NotAccepted where the checker cannot follow, and what `flow.posed` raises.
     """
     result = answered(path, asked, given)
@@ -49,7 +48,7 @@ def answered(path: Path, asked: Property, given: Circumstances) -> AssertedResul
 
 
 def within(implementation: Implementation) -> set[str]:
-    """The fewest participants that can be inside: whom the property names, and whoever gets something of theirs."""
+    """The smallest compartment: participants that the property names, and all who get something of theirs."""
     inside, before = {*implementation.source}, -1
     while before < len(inside):
         before = len(inside)

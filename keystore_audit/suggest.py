@@ -39,7 +39,7 @@ _HOST: Final = re.compile(r"[A-Za-z0-9.-]+")
 """Names and addresses that an endpoint takes as they are: no pattern, and none of version 6."""
 
 Rights = Sequence[tuple[Action, str]]
-"""What is done with which fully qualified name."""
+"""Actions on fully qualified names."""
 
 DAY: Final = timedelta(days=1)
 FIRST: Final = datetime.min.replace(tzinfo=timezone.utc)
@@ -64,7 +64,7 @@ class SuggestedNetwork(Struct, frozen=True, kw_only=True):
 
 
 class Suggester:
-    """What `intents` come to for the keystore at `path`, at `at` (aware UTC).
+    """What `intents` amount to for the keystore at `path`, at `at` (aware UTC).
 
     `zone`, `domain`: where the robots are and which domain they use, None if that is not known. Raises
     errors.NothingToAudit where there is no keystore.
@@ -148,14 +148,14 @@ class Suggester:
         return SuggestedNetwork(files={path: written(each) for path, each in made.items()}, left_out=tuple(left_out))
 
     def _own_address(self, path: str) -> str:
-        """That of the first host that the certificate of the enclave is for."""
+        """The address of the first host that the certificate of the enclave is for."""
         host = next((each for each in _hosts(self._enclaves[path]) if _HOST.fullmatch(each)), None)
         if host is None:
             raise UsageError(f"The certificate of {path!r} names no host: say where it listens with --listen.")
         return f"{host}:7447"
 
     def _party(self, enclave: Enclave, address: str = "") -> Party:
-        """Without rights."""
+        """The enclave as a party, without rights."""
         root = os.path.realpath(self._keystore.root)
         places = {role: os.path.join(root, file.path) for role, file in enclave.files.files.items()}
         name = common_name(enclave.identity) if enclave.identity is not None else None
@@ -163,7 +163,7 @@ class Suggester:
         return Party(name=name or "", files=places, address=address, verified=verified)
 
     def _by_permissions(self, enclave: Enclave) -> tuple[Rights, list[str]]:
-        """What its permissions grant by name, whoever reads them, and what else they list."""
+        """What its permissions grant by name to all readers, and what else they list."""
         listed = listed_uses(enclave).difference(DISCOVERY)
         names = dict.fromkeys(name for _operation, topic in sorted(listed) if (name := plain_name(topic)) is not None)
         usages = listed_usages(enclave, names, self._deciders)
@@ -228,5 +228,5 @@ def _text(text: str) -> Text:
 
 
 def _date(instant: datetime) -> Text:
-    """As sros2 writes it: UTC, though it does not say so."""
+    """The date as sros2 writes it: UTC, without saying so."""
     return _text(instant.replace(tzinfo=None).isoformat(timespec="seconds"))

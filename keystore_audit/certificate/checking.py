@@ -146,7 +146,7 @@ class Checker:
             raise Refused("the certificate is about another property")
         names = [name for each in certificate.compartments for name in each.profiles]
         if sorted(names) != sorted(self._given.profiles):
-            raise Refused("the certificate lacks exactly one compartment for each implementation that was asked about")
+            raise Refused("the certificate must have one compartment for each implementation that was asked about")
         for compartment in certificate.compartments:
             for implementation in dict.fromkeys(map(self.implementation, compartment.profiles)):
                 implementation.check(compartment)

@@ -74,7 +74,7 @@ def horizon(
 
 
 def _first_date(enclave: Enclave, kinds: Iterable[Profile], usabilities: Usabilities, at: datetime) -> datetime:
-    """Before which it starts as it does `at` the instant."""
+    """Until when it starts as it does `at` the instant."""
     return min((date for kind in kinds for date in usabilities.dates(enclave, kind, at)), default=END)
 
 

@@ -30,7 +30,7 @@ A report shows one and says how many more; a thousand are more than anybody read
 class NativeEngine:
     """Answers every property and claim about each of the systems of one keystore.
 
-    A moment is what `permission.Permissions` takes for one. What the systems have in common is worked out once.
+    Moments are those of `permission.Permissions`. What the systems share is computed once.
     """
 
     def __init__(self, systems: Sequence[System]) -> None:
@@ -55,14 +55,14 @@ class NativeEngine:
     def checked(self, told: Sequence[Mapping[str, Answer]]) -> tuple[dict[str, Answer], ...]:
         """What another engine said of each system; UNKNOWN where it shows a violation that is none here.
 
-        A keystore that violates something by one engine's word and not by its example is not decided.
+        A violation that one engine states, but whose example does not violate anything here, is undecided.
         """
         return tuple(
             self._questions(system).checked(answers) for system, answers in zip(self.systems, told, strict=True)
         )
 
     def claim_answers(self) -> tuple[dict[str, Answer], ...]:
-        """The same about claims alone."""
+        """The same for claims alone."""
         return tuple(self._questions(s).claims() for s in self.systems)
 
     def statuses(self, moment: int) -> tuple[dict[str, Status], ...]:
@@ -116,7 +116,7 @@ class _Questions:
         return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims() | self.determinism()
 
     def checked(self, told: Mapping[str, Answer]) -> dict[str, Answer]:
-        """The answers of another engine, where what they show is so; a flow that it shows no path of is found here."""
+        """The answers of another engine, where its examples hold here; a flow without a path gets its path here."""
         confirmed = {name: self._confirmed(name, answer) for name, answer in told.items() if name in BY_ID}
         if self.system.claims:
             from keystore_audit.engine.native_claims import claims_at  # most audits have none
@@ -187,7 +187,7 @@ class _Questions:
                 yield {Role.ENCLAVE: enclave}
 
     def unsigned_documents(self) -> Iterator[Witness]:
-        """Documents in use that the permissions CA did not sign, or is not in force to."""
+        """Documents in use that the permissions CA did not sign, or whose signature is not in force."""
         for enclave, atom in enumerate(self.system.enclaves):
             view = self._trust_domains[atom.trust_domain]
             used = view.documents.keys() & {*atom.permissions, self.system.trust_domains[atom.trust_domain].governance}
@@ -199,7 +199,7 @@ class _Questions:
                     yield {Role.ENCLAVE: enclave, Role.DOCUMENT: document}
 
     def self_granted_rights(self) -> Iterator[Witness]:
-        """Enclaves that peers take permissions from which the permissions CA did not sign."""
+        """Enclaves whose permissions peers accept although the permissions CA did not sign them."""
         for trust_domain, view in self.used:
             foreign = view.accepted - view.genuine
             for enclave, atom in enumerate(self.system.enclaves):
@@ -233,7 +233,7 @@ class _Questions:
     def bridges(self) -> Iterator[Witness]:
         """Enclaves that read in one class of domains and write in another, perhaps among peers that trust otherwise.
 
-        They write as anybody whose key they have. Who reads as another is one that the other bridges as, too.
+        They write as anybody whose key they have. Who reads as another need not be asked about: that one bridges too.
         """
         if len(self.system.domains) < 2:
             return
@@ -295,7 +295,7 @@ _OF_CHANNELS: Mapping[str, Callable[[TrustDomainView], int]] = {
 
 
 def _writes_without_a_grant(view: TrustDomainView, enclave: int, able: Abilities, _written: int) -> int:
-    """It writes, or forges without being a granted reader, where no grant lets it."""
+    """Channels that it writes, or forges without being a granted reader, where no grant allows it."""
     forged = able.forges & ~view.granted(enclave, Operation.SUBSCRIBE)
     return (able.may_write | forged) & ~view.granted(enclave, Operation.PUBLISH)
 
@@ -305,13 +305,13 @@ def _reads_without_a_grant(view: TrustDomainView, enclave: int, able: Abilities,
 
 
 def _forges_as_a_reader(view: TrustDomainView, enclave: int, able: Abilities, written: int) -> int:
-    """It is a granted reader and can pass for a writer of the topic."""
+    """Channels of which it is a granted reader and can impersonate a writer."""
     forged = able.forges & view.may_be_granted(enclave, Operation.SUBSCRIBE) & written
     return forged & ~view.granted(enclave, Operation.PUBLISH)
 
 
 def _reads_as_a_relay(view: TrustDomainView, enclave: int, able: Abilities, _written: int) -> int:
-    """It relays a topic, is not granted to read it, and finds its payload in clear."""
+    """Channels that it relays, is not granted to read, and whose payload is in clear."""
     relayed = able.may_relay & ~view.protection.data_encrypts
     return relayed and relayed & ~view.granted(enclave, Operation.SUBSCRIBE)
 
@@ -356,7 +356,7 @@ def shared_identities(system: System) -> Iterator[Witness]:
 
 
 def _subjects(system: System) -> dict[int, tuple[frozenset[int], Sequence[int]]]:
-    """By enclave, who issued its certificate and which grants name it: equal where a certificate was renewed."""
+    """By enclave, who issued its certificate and which grants name it: equal for a renewed certificate."""
     naming: dict[int, list[int]] = {}
     for number, grant in enumerate(system.grants):
         for certificate in grant.names:
@@ -390,7 +390,7 @@ def shared_subjects(system: System) -> Iterator[Witness]:
 
 
 def _serve_two(system: System, holders: Mapping[int, Sequence[int]], one: int, other: int) -> bool:
-    """Whether two enclaves have these identities: one that is unmanaged is that of each enclave that has its key."""
+    """Whether two enclaves have these identities; an unmanaged one belongs to each enclave that has its key."""
     first, second = sorted((one, other), key=lambda enclave: system.enclaves[enclave].unmanaged)
     key = system.key_of(second)
     if not system.enclaves[second].unmanaged or key is None:

@@ -47,7 +47,7 @@ class Claims:
         return _KINDS[claim.kind](self, claim)
 
     def confirmed(self, claim: ClaimAtom, told: Answer, moment: int) -> Answer:
-        """What another engine says of a claim that it has violated; UNKNOWN if what it shows violates nothing."""
+        """What another engine says of a claim that it found violated; UNKNOWN if its example violates nothing."""
         if claim.kind is ClaimKind.NO_FLOW:
             found = self.violation(claim)
             return _violated(found, moment) if found is not None else Answer(status=Status.UNKNOWN)
@@ -66,7 +66,7 @@ class Claims:
             yield _ends(found), found
 
     def foreign_publishers(self, claim: ClaimAtom) -> Iterator[Found]:
-        """Whoever else may write a channel of the target: enclaves, who is none here, and anybody without a key."""
+        """Who else may write a channel of the target: enclaves, holders elsewhere, and anybody without a key."""
         asked = bits(claim.target.channels)
         for trust_domain, view in enumerate(self._trust_domains):
             for enclave in range(len(self._system.enclaves)):
@@ -85,7 +85,7 @@ class Claims:
                 yield witness, ()
 
     def readings(self, claim: ClaimAtom) -> Iterator[Found]:
-        """Channels of the target whose payload somebody reads without a grant to: enclaves, who is none, anybody."""
+        """Channels of the target whose payload is read without a grant: by enclaves, holders elsewhere, or anybody."""
         asked, channels = bits(claim.target.channels), self._system.channels
         usual = bits(number for number in claim.target.channels if not channels[number].partition)
         found = self._by_insiders if claim.attacker is Attacker.INSIDER else self._by_outsiders
@@ -93,7 +93,7 @@ class Claims:
             yield from ((witness, ()) for witness in found(each))
 
     def _by_outsiders(self, asked: int) -> Iterator[Witness]:
-        """Whoever names a topic means that somebody writes it."""
+        """By outsiders. A topic that is named in a claim counts as written."""
         for trust_domain, view in enumerate(self._trust_domains):
             for channel in members(view.readable & asked):
                 yield {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel}
@@ -138,7 +138,7 @@ class Claims:
                         yield roles, ()
 
     def inabilities(self, claim: ClaimAtom) -> Iterator[Found]:
-        """That nothing gets from some source to some target while nobody attacks."""
+        """Whether nothing gets from some source to some target while nobody attacks."""
         if next(self.cut_off(claim), None) is not None:
             yield {}, ()
 
@@ -159,13 +159,13 @@ class Claims:
                 yield number
 
     def ending(self, claim: ClaimAtom) -> frozenset[int]:
-        """Who starts now and not until the end of a claim of ability, where that alone violates it."""
+        """Enclaves that start now but not until the end of a claim of ability, where that alone violates it."""
         starting = replace(claim, through=claim.through - claim.stopping)
         return claim.stopping if self.violation(starting) is None else frozenset()
 
 
 def _nameless(trust_domain: int, anybody: int, known: int, asked: int) -> Iterator[Witness]:
-    """Of the channels asked about, those of anybody, and of whoever has an identity of the CA."""
+    """Of the channels asked about, those of anybody, and of any holder of an identity of the CA."""
     for channel in members((anybody | known) & asked):
         needs = int(not anybody >> channel & 1)
         yield {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel, Role.WITH_IDENTITY: needs}
@@ -208,7 +208,7 @@ def fallen(system: System, most: int, told: Iterable[frozenset[int]] | None = No
 
 
 def first_fall(system: System, most: int) -> Fall | None:
-    """The first of these sets, None where there is none: nobody looks for the others."""
+    """The first of these sets, None where there is none; the others are not looked for."""
     return next(falls(*_who_falls(system), most), None)
 
 
@@ -223,8 +223,8 @@ def _violated(found: Found, moment: int) -> Answer:
 
 
 def answer(system: System, claim: ClaimAtom, now: Claims, moment: int, decisions: Decisions) -> Answer:
-    """The answer about the claim from `moment` on, at which `now` stands: violated if it is at any moment until its
-    end.
+    """The answer about the claim from `moment` on, where `now` holds: violated if it is violated at any moment until
+    its end.
     """
     last = moment if claim.until is None else 2 * claim.until
     for each in range(moment, max(moment, last) + 1):
@@ -259,7 +259,7 @@ class KeptFlows:
         self._flows = lru_cache(MAX_AT_HAND)(self._flows_at)
 
     def flow(self, claim: ClaimAtom) -> tuple[Stage, ...] | None:
-        """A flow that the claim excludes, however many moments it takes until the claim's end; None: there is none."""
+        """A flow that the claim excludes, over any number of moments until the claim's end; None: there is none."""
         if claim.kind is not ClaimKind.NO_FLOW or claim.until is None:
             return None
         search, kept = search_of(claim), list[frozenset[int]]()
@@ -274,17 +274,17 @@ class KeptFlows:
         return None
 
     def looks_beyond(self, claim: ClaimAtom) -> bool:
-        """Whether there are several moments until the claim's end, so that each by itself does not decide it."""
+        """Whether there are several moments until the claim's end, so that single moments do not decide it."""
         return claim.until is not None and len([*changes(self._system, claim.until)]) > 1
 
     def takes_time(self, claim: ClaimAtom) -> bool:
-        """Whether there is such a flow, and none as soon at one moment alone."""
+        """Whether there is such a flow, but none as early within one moment."""
         return len(self.flow(claim) or ()) > 1
 
     def _stages(
         self, search: Search, moments: Sequence[int], kept: Sequence[frozenset[int]]
     ) -> tuple[Stage, ...] | None:
-        """A flow that ends at the last moment of which it is said who had `kept` what; at that one alone if it can."""
+        """A flow that ends at the last moment in `kept` (who had what); within that moment alone if possible."""
         moment = moments[len(kept) - 1]
         flows = self._flows(moment)
         alone = flows.shortest(search)

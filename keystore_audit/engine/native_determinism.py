@@ -51,7 +51,7 @@ class Explored(Struct, frozen=True, kw_only=True):
 
 
 def explore(behaviour: Behaviour, *, perhaps: bool) -> Explored:
-    """Look for a difference, through all pairs of states; `perhaps`: inputs that perhaps differ may."""
+    """Look for a difference, through all pairs of states; `perhaps`: inputs that may differ do."""
     return _explored(behaviour, behaviour.free(perhaps=perhaps))
 
 
@@ -81,7 +81,7 @@ def _answer(behaviour: Behaviour) -> Answer:
 
 @lru_cache(maxsize=256)
 def _explored(behaviour: Behaviour, free: frozenset[int]) -> Explored:
-    """Layer by layer. Kept, since the systems of many profiles have one behaviour, and Alloy asks for its depth."""
+    """Explored layer by layer. Kept, since systems of many profiles share a behaviour, and Alloy needs its depth."""
     steps = lru_cache(maxsize=None)(lambda waiting, came: tuple(dict.fromkeys(_steps(behaviour, waiting, came))))
     seen = sorted(behaviour.seen())
     start: Content = (None,) * len(behaviour.slots)
@@ -163,7 +163,7 @@ def describe_determinism(system: System, claim: DeterminismAtom, answer: Answer)
 
 
 def why_undecided(system: System, claim: DeterminismAtom) -> str:
-    """Why nothing can be said, without a full stop."""
+    """Why nothing is decided, without a full stop."""
     if claim.undecided:
         return claim.undecided
     free = {

@@ -51,9 +51,9 @@ class Minimal(NamedTuple):
 def with_needs(
     results: Sequence[R], native: NativeEngine, made: frozenset[Assumption]
 ) -> tuple[tuple[R, ...], tuple[Minimal, ...]]:
-    """The results; of what holds under a profile, with what it needs for that. And each such set, with what needs it.
+    """The results; those that hold under a profile with what they need for it. And each such set, with what needs it.
 
-    `made`: what is taken for granted and not known. Whatever is not asked again, since it is about a time, needs all.
+    `made`: what is taken for granted and not known. What is not asked again, since it is about a time, needs all.
     """
     holding: dict[str, list[str]] = {}
     for result in results:
@@ -92,10 +92,10 @@ def solved_again(
     engines: Engines,
     stage: Callable[[str], None] | None,
 ) -> tuple[tuple[R, ...], tuple[EngineRun, ...]]:
-    """The results, and how engines fared, after Alloy was asked whether these sets are enough.
+    """The results, and how engines fared, after Alloy was asked whether these sets suffice.
 
-    Each is a run of its own, and all take longer than the audit: so only where Alloy was asked for by name. What does
-    not hold there is unknown.
+    Each set is a run of its own, and all take longer than the audit. So it is done only where Alloy was asked for by
+    name. What does not hold there is unknown.
     """
 
     def ask(engine: Engine) -> tuple[list[frozenset[str]], None]:
@@ -142,13 +142,13 @@ def _where_it_holds(result: R, change: Callable[[str, ProfileResult], ProfileRes
 
 
 def with_sessions(claims: Iterable[Claim], results: Sequence[R], assumed: Collection[Assumption]) -> tuple[R, ...]:
-    """The results; what is claimed of a time is unknown where sessions may outlast their grants."""
+    """The results; claims about a time are unknown where sessions may outlast their grants."""
     over_time = {claim.id for claim in claims if claim.until is not None}
     return _resting(Assumption.SESSIONS_END_WITH_GRANTS, results, assumed, lambda name, _profile: name in over_time)
 
 
 def with_rounds(results: Sequence[R], systems: Sequence[System], assumed: Collection[Assumption]) -> tuple[R, ...]:
-    """The results of claims of determinism; what forwards show is unknown where they may act in their own time."""
+    """The results of claims of determinism; they are unknown where forwards may act in their own time."""
     forwarded = {
         (claim.id, profile)
         for system in systems
@@ -177,10 +177,10 @@ def _resting(
 
 
 class _Asked:
-    """The systems that say how some implementations read the keystore, with less taken for granted.
+    """The systems that say how some implementations read the keystore, with fewer assumptions.
 
-    They are taken to go by what peers announce of their endpoints, which tells only where that is not assumed to be
-    true. Each is asked once for all that reads alike.
+    They are taken to go by what peers announce of their endpoints. That matters only where announcements are not
+    assumed to be true. Each is asked once for all that reads alike.
     """
 
     def __init__(self, native: NativeEngine, systems: Sequence[System], made: frozenset[Assumption]) -> None:
@@ -192,7 +192,7 @@ class _Asked:
         self._told: dict[object, dict[str, bool]] = {}
 
     def needs(self, names: frozenset[str], made: Needs, known: Needs) -> dict[Needs, list[str]]:
-        """By the fewest of what is `made` what holds under them; of those alone that are asked about an instant."""
+        """By the smallest set of `made`, what holds under it; only for those that are asked about an instant."""
         idle = self._under(known, names & self._answered)
         names = (names & self._answered) - idle
         fails = {each: names - self._under(known | made - {each}, names) for each in _ordered(made)}
@@ -206,7 +206,7 @@ class _Asked:
         return found
 
     def _left(self, name: str, made: Needs, known: Needs) -> Needs:
-        """What is left where one after the other is left out as long as it holds."""
+        """What is left after leaving out one after the other, as long as it holds."""
         kept = made
         for each in _ordered(made):
             if self._under(known | kept - {each}, frozenset({name})):
@@ -214,7 +214,7 @@ class _Asked:
         return kept
 
     def _under(self, assumed: Needs, names: frozenset[str]) -> frozenset[str]:
-        """Which of them hold where no more is taken for granted."""
+        """Which of them hold where no more is assumed."""
         known = self._known | assumed
         told = self._told.setdefault(tuple(known >= together for together in _READ_TOGETHER), {})
         asked = names.difference(told)
@@ -224,7 +224,7 @@ class _Asked:
         return frozenset(name for name in names if told[name])
 
     def assuming(self, assumed: Needs) -> Iterator[System]:
-        """The systems with no more taken for granted. What nobody can see, MUST takes for granted whatever it is."""
+        """The systems with no more assumed. MUST always assumes what nobody can see."""
         known = self._known | assumed
         for each in self._systems:
             yield replace(each, assumed=known if each.may else known | WORLD)

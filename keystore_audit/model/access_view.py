@@ -58,7 +58,7 @@ _COUNTING: Final = frozenset("?[")
 class ReadDocument(Struct, frozen=True, kw_only=True):
     """A document as an implementation reads it.
 
-    `refusal`: why it takes the document for none. `doubt`: why it is unknown what the document says, and the line. With
+    `refusal`: why it rejects the document. `doubt`: why it is unknown what the document says, and the line. With
     neither, one of `domain_rules` and `grants` is there, unless the document could not be parsed at all.
     """
 
@@ -84,14 +84,14 @@ _LATER: Final = tuple(name for name, quirk in QUIRKS.items() if quirk.matters in
 """Peculiarities that count when rights are decided."""
 
 _DONE_WITH: Final = frozenset(QUIRKS) - {*_LATER}
-"""Those that are done with when a document is read. Whatever else a row has counts later."""
+"""Those that no longer matter once a document is read. All else in a row counts later."""
 
 ZONE_DECIDES: Final = "is read in the robot's zone (--time-zone), which decides whether the grant counts now"
-"""How a doubt ends that the robots' zone would settle."""
+"""The end of a doubt that the robots' zone would settle."""
 
 
 class _Readings(NamedTuple):
-    """What rows make of one document, and of its rules: of each grant, whatever its dates."""
+    """What rows make of one document, and of the rules of each grant, whatever its dates."""
 
     document: Alike[ReadDocument]
     rules: Alike[tuple[tuple[ReadRule, ...], ...]]
@@ -124,7 +124,7 @@ class AccessViews:
         self._deciding: dict[tuple[Access, GovernanceFile], tuple[ReadDomainRule, ...]] = {}
 
     def row(self, access: Access) -> Access:
-        """One row for all that read this keystore's documents alike: the specification's if it does, too."""
+        """One row for all that read this keystore's documents alike; if possible the specification's."""
         row = self._rows.get(access)
         if row is None:
             if not self._kept:
@@ -143,7 +143,7 @@ class AccessViews:
         return found
 
     def _readings_of(self, file: Typed) -> _Readings:
-        """Those of the document, and of its copies."""
+        """The readings of the document, and of its copies."""
         key = id(file.readings), self._beyond.get(file)
         known = self._readings.get(key)
         if known is None:
@@ -153,11 +153,11 @@ class AccessViews:
         return known
 
     def rows(self, profiles: Iterable[Profile]) -> tuple[Access, ...]:
-        """Those of the profiles, and of what others run in their fleets."""
+        """The rows of the profiles, and of what else runs in their fleets."""
         return tuple(dict.fromkeys(self.row(profile.access) for profile in at_work(profiles)))
 
     def by_row(self, profiles: Iterable[Profile], files: Iterable[Typed | None]) -> dict[Access, list[ReadDocument]]:
-        """What these documents say to each; what is not there says nothing."""
+        """What these documents say to each row; missing ones say nothing."""
         found = tuple(file for file in files if file is not None)
         return {row: [self.read(file, row) for file in found] for row in self.rows(profiles)}
 
@@ -183,7 +183,7 @@ class AccessViews:
         return found
 
     def of_document(self, file: Typed) -> AccessViews:
-        """The views of this document alone: of what it gives an occasion for."""
+        """The views of this document alone: of its own occasions."""
         alone = AccessViews((Document(file.signed.file.place, file),), self.at, self._zone, self.assumed, self._beyond)
         alone._readings = self._readings
         return alone
@@ -215,7 +215,7 @@ class AccessViews:
         return found
 
     def _without(self, count: int, why: str) -> AccessViews:
-        """The views where so many documents count as unread."""
+        """The views with so many documents counted as unread."""
 
         def wildcards(file: Typed) -> int:
             texts = (text.text for typed in file.readings.distinct for text in expressions(typed))
@@ -225,8 +225,8 @@ class AccessViews:
         return AccessViews(self._documents, self.at, self._zone, self.assumed, dict.fromkeys(heaviest, why))
 
     def unclear_name(self, topic: str, partitions: Sequence[str], profile: Profile) -> str | None:
-        """Why it cannot be told which expressions an implementation takes to match these names of an endpoint; None: it
-        can.
+        """Why it is unknown which expressions an implementation takes to match these names of an endpoint; None: it
+        is known.
         """
         if profile.others:
             reasons = (self.unclear_name(topic, partitions, each) for each in at_work((profile,)))
@@ -242,7 +242,7 @@ class AccessViews:
         return None
 
     def dates_in_local_time(self, profiles: Iterable[Profile]) -> frozenset[datetime]:
-        """Dates of grants that a profile reads in the robot's zone, which we were not told, as if it were UTC."""
+        """Dates of grants that a profile reads in the robot's zone, which is not given, as if they were UTC."""
         readings = {profile.access.dates for profile in at_work(profiles)}
         dated = [read_date(text, reading, self._zone) for text in self._held.dates for reading in readings]
         return frozenset(each.instant for each in dated if each is not None and each.local)
@@ -258,7 +258,7 @@ class AccessViews:
                         yield Location(path=file.signed.file.place, line=date.line), f"{verb} {date.text}"
 
     def exclusive_bounds(self, profiles: Iterable[Profile]) -> tuple[frozenset[datetime], frozenset[datetime]]:
-        """Where grants begin, and where they end, that a profile counts not yet, or no more, at that very instant."""
+        """Where grants begin and where they end, if a profile does not count them at that very instant."""
         if all(profile.access.dates is not DateReading.UNREADABLE_IS_PAST for profile in at_work(profiles)):
             return frozenset(), frozenset()
         bounds = []
@@ -271,12 +271,12 @@ class AccessViews:
         return bounds[0], bounds[1]
 
     def _answers(self, access: Access) -> object:
-        """What the documents say, and what counts later, when rights are decided by that."""
+        """What the documents say, and what of the row counts later, when rights are decided."""
         later = [getattr(access, name) for name in access.__struct_fields__ if name not in _DONE_WITH]
         return tuple([id(self.read(file, access)) for file in self._held.files]), *later
 
     def _reduced(self, access: Access) -> Access:
-        """The row with what no document gives an occasion for as the specification has it."""
+        """The row with the specification's values wherever no document gives an occasion for others."""
         specified = {name: getattr(SPEC.access, name) for name in _LATER}
         differing = [name for name, value in specified.items() if getattr(access, name) != value]
         idle = [name for name in differing if not self._held.has(QUIRKS[name].matters, access)]

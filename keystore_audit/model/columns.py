@@ -15,12 +15,11 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.matching.atoms import TopicClass
 
 MAX_PAIRS: Final = 400_000
-"""Pairs of a block of topics and one of partitions, those of the first partitions apart: half a second and 50 MB.
-
+"""Most pairs of a block of topics and one of partitions, without those of the first partitions: 0.5 s and 50 MB.
 200 topics each in 20 partitions have 4,000; 600 topics each in a partition of its own have 360,000."""
 
 MAX_MEETINGS: Final = 1_000_000
-"""Pairs of such pairs of which it is asked whether endpoints in one are met in the other: half a second."""
+"""Pairs of such pairs for which it is computed whether endpoints of one are met in the other: half a second."""
 
 Shape = tuple[tuple[tuple[int, ...], "tuple[int, ...] | None", bool], ...]
 """A region by what its expressions mean: of each area the numbers of topic and of partition patterns, and `every`."""
@@ -183,7 +182,7 @@ def _met_columns(
 
 
 def _blocks(listed: Iterable[object]) -> list[list[int]]:
-    """The numbers of equal ones, in the order of the first of each."""
+    """The numbers of equal items, in the order of the first of each."""
     blocks: dict[object, list[int]] = {}
     for number, each in enumerate(listed):
         blocks.setdefault(each, []).append(number)

@@ -57,7 +57,7 @@ Told = tuple[str, int | None]
 
 
 class Why(NamedTuple):
-    """What a step says. `explain`: why, of a name where one is asked; `place`: in which document, "" for none.
+    """What a step says. `explain`: why, about a name if one is asked; `place`: in which document, "" for none.
 
     `by_permissions`: the grant decides; before it, names and the governance do. `rule`: of the grant, if one decides.
     """
@@ -92,7 +92,7 @@ class _Asked(NamedTuple):
 class LocalRights:
     """The decisions of one keystore's implementations about channels, at `at` (aware UTC).
 
-    They are about participants that are created: whether one is, `model.participants.usability` says.
+    They hold for participants that are created; `model.participants.usability` says which are.
     """
 
     def __init__(self, accesses: AccessViews, channels: Channels, at: datetime) -> None:
@@ -139,7 +139,7 @@ class LocalRights:
         return Decision(allow=step.allow, reason=reason, location=location)
 
     def step(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int) -> _Step:
-        """What decides about one channel, without a look at what comes near."""
+        """What decides about one channel, without a search for near misses."""
         return deciding(self.steps(enclave, profile, operation), channel)
 
     def steps(self, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[_Step]:
@@ -207,7 +207,7 @@ class LocalRights:
         return wildcard_names(self._channels)
 
     def _naming(self, access: Access, topic: ReadTopicRule) -> int:
-        """The channels whose name, taken for an expression, matches that of the rule (of names known one by one)."""
+        """The channels whose name, read as an expression, matches the rule's text (of names known one by one)."""
         channels, text = self._channels.channels, topic.rule.expression.text
         return bits(n for n in self._wildcard_names if parse(channels[n].topic, access.matcher).matches(text))
 
@@ -218,9 +218,9 @@ class LocalRights:
         )
 
     def _near(self, grant: ReadGrant, profile: Profile, asked: _Asked, *, by_permissions: bool) -> str:
-        """The rule that comes nearest to allowing it, as a sentence more.
+        """The rule that comes nearest to allowing it, as a further sentence.
 
-        Where names or the governance decide (not `by_permissions`), only one that allows it in other domains.
+        Where names or the governance decide (not `by_permissions`), only a rule that allows it in other domains.
         """
         operation, (topic, *_partitions), channel = asked
         allowing = _allowing(grant)
@@ -293,7 +293,7 @@ def _uncontrolled(domain_rule: ReadDomainRule, topic: TopicRule, operation: Oper
 
 
 def _said(reason: str, _name: Point | None) -> Told:
-    """A refusal that no line says."""
+    """A refusal that is written in no line."""
     return reason, None
 
 

@@ -50,10 +50,9 @@ def interpret(
 ) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC).
 
-    `usabilities`: of the domain in which enclaves are to start. `claims`: what users claim, `places`: what they have
-    names for, `declared`: what nodes forward; errors.UsageError for something that is not there. `nodes`: those that
+    `usabilities`: of the domain in which enclaves are to start. `claims`: users' claims, `places`: users' names,
+    `declared`: what nodes forward. Raises errors.UsageError for something that is not there. `nodes`: those that
     will use it.
-
     Documents with which topic classes are over budget count as unread. Where that is not enough (names of users alone),
     `systems` is empty and says why: nothing is decided then.
     """
@@ -134,7 +133,7 @@ def stated_systems(
     *,
     checked: bool = True,
 ) -> tuple[System, ...]:
-    """The systems with the claims, of a keystore of which nothing else is asked. As `claimed_systems`."""
+    """The systems with the claims, of a keystore that is only asked about these. As `claimed_systems`."""
     usabilities = Usabilities(domain, accesses)
     usability = usability_by_profile(keystore.enclaves, profiles, at, usabilities)
     about = keystore, profiles, at, accesses, usabilities, usability, claims
@@ -151,7 +150,7 @@ def _wires(nodes: Sequence[WiredNode]) -> tuple[ReadRegion, ...]:
 
 
 def _beside_spec(profiles: Sequence[Profile]) -> tuple[Profile, ...]:
-    """The profiles, and the specification: what one implementation alone gives beyond a document has to be said too."""
+    """The profiles, and the specification: what an implementation gives beyond a document has to be said too."""
     return tuple(profiles) if SPEC in profiles else (SPEC, *profiles)
 
 
@@ -170,7 +169,7 @@ def usability_by_profile(
 
 
 def _doubts(keystore: Keystore, profiles: Sequence[Profile], accesses: AccessViews) -> tuple[Doubt, ...]:
-    """What any of the kinds of implementation may act on although we could not read it."""
+    """What any kind of implementation may act on although we could not read it."""
     kinds = grouped(profiles, lambda profile: (profile.trust, accesses.row(profile.access)))
     found: dict[tuple[str | None, Location], tuple[Doubt, list[Profile]]] = {}
     for kind in kinds.values():
@@ -181,7 +180,7 @@ def _doubts(keystore: Keystore, profiles: Sequence[Profile], accesses: AccessVie
 
 
 def _names(profiles: Sequence[Profile], under: Sequence[Profile]) -> tuple[str, ...]:
-    """The names of those under which something is so, in the order of all."""
+    """The names of the profiles under which something is so, in the order of all."""
     return tuple(profile.name for profile in profiles if profile in under)
 
 
@@ -201,7 +200,7 @@ def _idle(systems: tuple[System, ...]) -> tuple[str, ...]:
 
 
 def _unneeded(channel: ChannelAtom) -> tuple[bool, bool]:
-    """What every node of ROS 2 needs comes first, then what ROS 2 has."""
+    """An order: what every node of ROS 2 needs comes first, then what ROS 2 has."""
     return channel.topic != DISCOVERY_TOPIC, not channel.ros
 
 

@@ -1,4 +1,4 @@
-"""What the documents of a keystore give an occasion for: without one, implementations that differ decide alike."""
+"""For which peculiarities a keystore's documents give an occasion; without one, implementations decide alike."""
 
 from __future__ import annotations
 
@@ -37,22 +37,22 @@ class Occasions:
 
     @cached_property
     def governances(self) -> list[Governance]:
-        """Those that could be parsed, in each reading."""
+        """The governances that could be parsed, in each reading."""
         return [each for each in self._typed if isinstance(each, Governance)]
 
     @cached_property
     def permissions(self) -> list[Permissions]:
-        """Those that could be parsed, in each reading."""
+        """The permissions that could be parsed, in each reading."""
         return [each for each in self._typed if isinstance(each, Permissions)]
 
     @cached_property
     def grants(self) -> list[Grant]:
-        """All of them."""
+        """All grants."""
         return [grant for permissions in self.permissions for grant in permissions.grants]
 
     @cached_property
     def dates(self) -> set[str]:
-        """Their texts."""
+        """The texts of the grants' dates."""
         return {date.text for grant in self.grants for date in (grant.not_before, grant.not_after)}
 
     @cached_property
@@ -62,7 +62,7 @@ class Occasions:
         return list(filter(has_wildcard, found))
 
     def may_be_out_of_date(self, grant: Grant, access: Access) -> bool:
-        """Whether it is not for certain that the grant counts."""
+        """Whether it is uncertain that the grant counts."""
         dates = [read_date(date.text, access.dates, self._zone) for date in (grant.not_before, grant.not_after)]
         start, end = dates
         return start is None or end is None or not counts_at(start, end, self._at, access.dates).must

@@ -16,7 +16,7 @@ WORDS: Final = {Truth.YES: "allow", Truth.NO: "deny", Truth.UNKNOWN: "unknown"}
 """What a decision is called."""
 
 PARTLY: Final = "partly"
-"""What it is called of a service or an action of which some is allowed and some is denied."""
+"""The decision about a service or an action of which some is allowed and some is denied."""
 
 
 class Usability(Struct, frozen=True, kw_only=True):
@@ -27,10 +27,10 @@ class Usability(Struct, frozen=True, kw_only=True):
 
 
 class Doubt(Struct, frozen=True, kw_only=True):
-    """Something that could not be read, so that it counts as able to do anything.
+    """Something unread, so that it counts as able to do anything.
 
     `enclave`: the enclave's path, None where it concerns several or an unnamed one. `profiles`: those that may act on
-    it. `narrows`: less may be accepted for it, and nothing more.
+    it. `narrows`: it may lead to less being accepted, and never to more.
     """
 
     enclave: str | None
@@ -59,7 +59,7 @@ class Question(Struct, frozen=True, kw_only=True):
 
 
 class Half(Struct, frozen=True, kw_only=True):
-    """What is answered of one of the DDS topics of a service or an action."""
+    """The answer for one of the DDS topics of a service or an action."""
 
     operation: Operation
     topic: str
@@ -71,7 +71,7 @@ class Half(Struct, frozen=True, kw_only=True):
 
 
 class Answer(Struct, frozen=True, kw_only=True):
-    """Of one profile.
+    """The answer of one profile.
 
     `usable`: whether a participant is created in the domain. `decision`: whether its own implementation lets it; deny
     where it is not usable. `effective`: whether some peer in the keystore accepts it. `reason`: of the decision, a
@@ -104,11 +104,11 @@ class Answer(Struct, frozen=True, kw_only=True):
 
 
 _OBSTACLES: Final = (Truth.NO, Truth.UNKNOWN, Truth.YES)
-"""Whose reason is told, of the channels of a service or an action."""
+"""The order in which one of a service's or action's channels gives the reason."""
 
 
 def joint(questions: Sequence[Question], answers: Sequence[Answer]) -> Answer:
-    """One answer about all of it, with the reason of what stands in the way."""
+    """One answer about all of it, with the reason of the first obstacle."""
     if len(questions) == 1:
         return answers[0]
     question, decisive = min(zip(questions, answers, strict=True), key=lambda each: _OBSTACLES.index(each[1].decision))

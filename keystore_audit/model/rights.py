@@ -41,7 +41,7 @@ TopicDecision = tuple[ReadDomainRule, TopicRule, int]
 
 
 class RuleLists:
-    """Makes the steps of grants over some channels (`all`); what expressions and domains come to is worked out once."""
+    """Makes the steps of grants over some channels (`all`); expressions and domains are resolved once."""
 
     def __init__(self, channels: Channels) -> None:
         self.all = (1 << len(channels.channels)) - 1
@@ -123,7 +123,7 @@ class RuleLists:
         return on & ~off
 
     def topics_denied(self, grant: ReadGrant, access: Access, controlled: int) -> list[tuple[ReadRule, int]]:
-        """Those of the `controlled` topics that there are not, each with the rule that denies it first."""
+        """Those of the `controlled` topics that cannot exist, each with the first rule that denies it."""
         denied: list[tuple[ReadRule | None, int]] = [(None, controlled)]
         for together in CHECKED_TOGETHER[access.topic_check]:
             listed: list[Step[ReadRule | None]] = [
@@ -136,7 +136,7 @@ class RuleLists:
         return [(by, channels) for by, channels in denied if by is not None]  # what no rule lists the default denies
 
     def matched(self, topic: ReadTopicRule, access: Access) -> int:
-        """The channels that the expression of a topic rule matches, in whatever domain."""
+        """The channels that the expression of a topic rule matches, in any domain."""
         return self.region(access.matcher, topic.region)
 
     def region(self, matcher: Matcher, region: Region) -> int:
@@ -216,9 +216,9 @@ class RuleAtoms:
     def _by_join_control(
         self, rules: Sequence[ReadDomainRule], access: Access
     ) -> Iterator[tuple[ReadDomainRule, frozenset[int], bool]]:
-        """Each domain rule with its domain classes, and whether who joins is controlled there.
+        """Each domain rule with its domain classes, and whether joining is controlled there.
 
-        Where any rule may switch that off, a rule is parted: its domains in which another one has it off come apart.
+        Where any rule may switch that off, a rule is split: domains in which another rule has it off come apart.
         """
         off: frozenset[int] = frozenset()
         if access.any_governance_rule:
@@ -281,7 +281,7 @@ _CONTROLS: Final = ("enable_write_access_control", "enable_read_access_control")
 
 
 def _by_access_control(channels: frozenset[int], off: Sequence[int]) -> Iterator[tuple[frozenset[int], Sequence[str]]]:
-    """The channels of a topic rule; those apart for which another one switches write, or read, access control off."""
+    """The channels of a topic rule; those for which another rule switches write or read access control off apart."""
     if not any(off):
         yield channels, ()
         return
@@ -294,7 +294,7 @@ def _by_access_control(channels: frozenset[int], off: Sequence[int]) -> Iterator
 
 
 def _said(rule: DomainRule | TopicRule, names: Iterable[str], access: Access) -> dict[str, Any]:
-    """What the implementation makes of what a rule of a governance says."""
+    """What the implementation reads in a governance rule."""
     said = {name: getattr(rule, name) for name in names}
     if access.authenticates_origin:
         return said

@@ -51,7 +51,7 @@ CHECKED_TOGETHER: Final[Mapping[TopicCheck, Sequence[tuple[Operation, ...]]]] = 
     TopicCheck.FIRST_RULE: (DIRECTIONS,),
     TopicCheck.EACH: tuple((each,) for each in DIRECTIONS),
 }
-"""The operations for which one rule decides whether there is a topic: there is none where all of these deny."""
+"""The operations for which one rule decides whether a topic exists: it does not if all of these deny."""
 
 OF_DOMAINS: Final = (
     "allow_unauthenticated_participants",
@@ -71,7 +71,7 @@ OF_TOPICS: Final = (
 """What rules of a governance say."""
 
 OPENING: Final = frozenset({"allow_unauthenticated_participants"})
-"""What of it lets more happen where it is on."""
+"""The flags of these that let more happen where they are on."""
 
 DEFAULT_PARTITION = ("",)
 """The expressions of a criterion without `<partitions>`: the empty name alone."""
@@ -137,7 +137,7 @@ class ReadGrant(Struct, frozen=True, kw_only=True):
 
 
 def deciding_grant(named: Iterable[ReadGrant], at: datetime, access: Access) -> ReadGrant | None:
-    """Of the grants that name somebody the one that counts: the first in force, or the first alone, if it is."""
+    """The grant that counts, of those that name somebody: the first in force, or the first if it is in force."""
     for grant in named:
         if in_force(grant, at):
             return grant
@@ -151,7 +151,7 @@ FIRST_IS_OVER: Final = "of the grants that name {} the first alone counts, and i
 
 
 def without_grant(named: Iterable[ReadGrant], at: datetime) -> str:
-    """Why none of the grants that name somebody, `{}`, counts: one of the two."""
+    """Why none of the grants that name somebody, `{}`, counts: one of two reasons."""
     return FIRST_IS_OVER if any(in_force(grant, at) for grant in named) else NO_GRANT
 
 
@@ -277,9 +277,9 @@ def _by_criterion(rule: Rule, operation: Operation, reading: PartitionReading) -
 
 
 def _named(partitions: tuple[str, ...], *, allow: bool) -> tuple[str, ...]:
-    """With the default partition, or (of a denial) without it, which an expression of stars alone matches too.
+    """With the default partition, or (for a denial) without it; an expression of stars alone matches it too.
 
-    That of endpoints without a name: with an empty name they may do less, nowhere more.
+    This is for endpoints without a name: with an empty name they may do less, nowhere more.
     """
     if allow:
         return tuple(dict.fromkeys((*partitions, *DEFAULT_PARTITION)))
@@ -295,9 +295,9 @@ def _by_rule(rule: Rule, operation: Operation) -> Region:
 
 
 def _blocking(rules: Sequence[Rule], relay: RelayReading) -> Sequence[Mapping[Operation, Region]]:
-    """Where each allow rule keeps later ones from allowing: its topics, in partitions other than its own.
+    """The region in which each allow rule keeps later ones from allowing: its topics, in all other partitions.
 
-    Nothing where no later rule allows in another partition, as in what `ros2 security` writes: no rule more then. Where
+    Empty where no later rule allows in another partition, as in what `ros2 security` writes: no rule more then. Where
     `relay` admits readers, a later rule allows them by what it lists for relaying too.
     """
     later: dict[Operation, set[str]] = {operation: set() for operation in Operation}

@@ -59,7 +59,7 @@ def test_enclaves_that_a_graph_leaves_out_are_said_not_to_be_compared(samples: P
         _code, text = answer(
             "audit", "--engine", "native", "--at", AT, samples / "healthy/turtlesim", "--graph", graph, "-v"
         )
-        assert ("What /keyboard may do: no node that" in " ".join(text.split())) is said
+        assert ("What /keyboard may do: no node of" in " ".join(text.split())) is said
 
 
 @pytest.mark.parametrize(("name", "code"), [("talker", 0), ("talker-elsewhere", 4)])

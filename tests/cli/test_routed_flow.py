@@ -323,7 +323,7 @@ def test_usage(keystore_audit: Run, keys: Path, network: Network) -> None:
         (("/talker", "/talker"), "both sides"),
         (("/talker", "topic:/a?"), "expected topic:/NAME"),
         (("/talker", "dds:rq/goRequest"), "expected topic:/NAME"),
-        (("outsider", "/talker", "--attacker", "honest"), "to send is to attack"),
+        (("outsider", "/talker", "--attacker", "honest"), "any sample it sends is an attack"),
         (("/talker", "/listener", "--compromised", "1"), "--compromised"),
         (("/talker", "/listener", "--time-zone", "Europe/Berlin"), "--time-zone"),
         (("--from-compromised", "/talker", "--time-zone", "Europe/Berlin"), "--time-zone"),

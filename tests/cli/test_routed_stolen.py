@@ -145,8 +145,8 @@ def test_too_many_names_are_not_asked(names: int, keystore_audit: Run, keys: Pat
 @pytest.mark.parametrize(
     ("who", "said"),
     [
-        ("identity-ca", "ask about an enclave"),
-        ("permissions-ca", "permissions have no say"),
+        ("identity-ca", "Ask about an enclave"),
+        ("permissions-ca", "permissions do not count"),
         ("/nobody", "There is no enclave"),
     ],
 )

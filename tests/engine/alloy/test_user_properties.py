@@ -208,7 +208,7 @@ def test_both_readings_must_agree(analyzer: Engine) -> None:
 
 def test_names_that_are_not_known_leave_it_open(analyzer: Engine) -> None:
     result = decided(analyzer, [replace(placed(healthy(), unread=True), profiles=("a",))], [OK])
-    assert (result.status, "nobody knows" in result.reason) == (Status.UNKNOWN, True)
+    assert (result.status, "name of one enclave is unknown" in result.reason) == (Status.UNKNOWN, True)
 
 
 @pytest.mark.parametrize("status", [status for status in EngineStatus if status is not EngineStatus.OK])
