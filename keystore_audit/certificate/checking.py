@@ -1,7 +1,7 @@
 """Whether a certificate proves its property of a keystore: every hop out of its compartment is refused, for its reason.
 
-What there is comes from the keystore: participants, documents, signers, implementations, names. The certificate says
-what may be inside and which lines refuse the rest; the question comes from whoever asks.
+The facts come from the keystore: participants, documents, signers, implementations, names. The certificate says what
+may be inside and which lines refuse the rest. The question comes from the user.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery
 """Topics that nearly every node has a right to: no flow takes them, unless they are asked about."""
 
 ALL: Final = "*"
-"""Whom a reason is about where there is no such topic; its topic, where no rule is about the domain."""
+"""Stands for everybody in a reason where no such topic exists, and for its topic where no rule covers the domain."""
 
 TAKEN, OVERHEARD = "taken", "overheard"
-"""The ways of a sample: to a reader who listens for it; to who reads what is on the network."""
+"""The ways of a sample: to a reader that subscribes to it, and to anybody who reads what is on the network."""
 
 
 class NoFlow(Struct, frozen=True, tag_field="kind", tag="no-flow", rename={"source": "from", "target": "to"}):
@@ -74,7 +74,7 @@ class Inside(Struct, frozen=True):
 
 
 class Refusal(Struct, frozen=True):
-    """Why a participant does not put anything on a name outside, or gets nothing of one inside."""
+    """Why a participant puts nothing on a name outside, or gets nothing of one inside."""
 
     participant: str
     peers: str
@@ -95,7 +95,7 @@ class Compartment(Struct, frozen=True):
 
 
 class Certificate(Struct, frozen=True, forbid_unknown_fields=True):
-    """What a file says. `documents`: of those that refuse something, the SHA-256 by place."""
+    """What a certificate says. `documents`: the SHA-256 of each that refuses something, by place."""
 
     property: Property
     documents: dict[str, str]
@@ -154,14 +154,14 @@ class Checker:
             raise Refused("the certificate is not in canonical form, or a document is not the one that it names")
 
     def certificate(self, compartments: tuple[Compartment, ...]) -> Certificate:
-        """The one of these compartments."""
+        """The certificate with these compartments."""
         lines = {because for each in compartments for refusal in each.refused for because in refusal.because}
         digests = {path: self.store.digests[path] for path in sorted({because.document for because in lines})}
         return Certificate(self._asked, digests, compartments)
 
     @cached_property
     def names(self) -> list[Name]:
-        """A name of each class, which nothing here tells apart from the others in it."""
+        """A name of each class; nothing here distinguishes it from the others in its class."""
         edges = (edge for domains, _topics in _rules(self.store) for low, high in domains for edge in (low, high + 1))
         topics = sorted((topic, ends) for ends, topic in self.expressions.classes().items())
         return [Name(domain, topic, ends) for domain in sorted({0, *edges}) for topic, ends in topics]
@@ -179,7 +179,7 @@ class Checker:
 
 
 class Implementation(ABC):
-    """A keystore as one implementation has it, and a property of it."""
+    """A keystore as one implementation reads it, and a property of it."""
 
     source: Set[str]
     """Who has to be inside."""
@@ -218,18 +218,18 @@ class Implementation(ABC):
 
     @abstractmethod
     def hops(self, peers: Peers, name: Name, inside: Set[str]) -> Iterator[tuple[str, bool, Mapping[str, bool]]]:
-        """By way, whether the name is inside, and who must get nothing of it then, or else put nothing there: does it?
+        """By way: whether the name is inside, and who then must get nothing of it, or else must put nothing there.
 
-        Raises Refused where it must not be inside.
+        Also whether each does. Raises Refused where the name must not be inside.
         """
 
     @cached_property
     def places(self) -> list[tuple[Peers, Name]]:
-        """Each name that it is about, as all peers see it."""
+        """Each name that the property is about, as each trust domain sees it."""
         return [(peers, name) for peers in self.peers for name in self.names if self.asks(name)]
 
     def compartment(self, inside: Set[str]) -> Compartment:
-        """The one with these participants. Raises Refused for the first hop out of it that nothing refuses."""
+        """The compartment with these participants. Raises Refused for the first hop out of it that nothing refuses."""
         names, refused = list[Inside](), dict[Refusal, None]()
         for peers, name in self.places:
             place = peers.first.path, name.domain, name.topic
@@ -292,7 +292,7 @@ class Flow(Implementation):
         return not ambient or self._in(self._asked.source, name) or self._in(self._asked.target, name)
 
     def hops(self, peers: Peers, name: Name, inside: Set[str]) -> Iterator[tuple[str, bool, Mapping[str, bool]]]:
-        """Inside is where somebody inside puts something, or the flow begins; not where it ends."""
+        """A name is inside where somebody inside puts something, or the flow begins; not where it ends."""
         within = [who for who in self.participants if who in inside]
         outside = [who for who in self.participants if who not in inside | self._passed]
         for way in (TAKEN, OVERHEARD):
@@ -330,7 +330,7 @@ class Right(Implementation):
         return self._in(self._topic, name)
 
     def hops(self, peers: Peers, name: Name, inside: Set[str]) -> Iterator[tuple[str, bool, Mapping[str, bool]]]:
-        """What is encrypted is inside, for whoever has a grant; else nothing is, and who has a subject inside may."""
+        """An encrypted name is inside, for those with a grant; else nothing is, and holders of a subject inside may."""
         everybody = (OUTSIDER,) if self._against == OUTSIDER else (*self.participants, CERTIFIED, *peers.elsewhere)
         able = [(who, peers.powers(who, name, True)) for who in everybody]
         if self._against:

@@ -104,7 +104,7 @@ class DomainRule(Struct, frozen=True):
 
 
 class Governance(Struct, frozen=True):
-    """`text`: the XML, by which equal ones are one. `signer`: as of permissions."""
+    """`text`: the XML; equal texts are one governance. `signer`: as of permissions."""
 
     path: str
     signer: str

@@ -20,7 +20,7 @@ class Expressions:
     """Expressions of `*` (any characters), `?` (any one character) and characters that stand for themselves."""
 
     def __init__(self, texts: Iterable[str]) -> None:
-        """Raises CannotTell for brackets, backslashes and whatever else is no plain character of ASCII."""
+        """Raises CannotTell for brackets, backslashes and all else that is no plain character of ASCII."""
         self.ends: dict[str, int] = {}
         """By expression, the bit of a name that is read to its end."""
         self._stars = self._any = self._starts = 0
@@ -46,7 +46,7 @@ class Expressions:
         self._every_end = sum(self.ends.values())
 
     def _closed(self, state: int) -> int:
-        """With the places behind stars, which may stand for nothing; no star follows another."""
+        """The places, with those behind stars, since a star may match nothing; no star follows another."""
         return state | (state & self._stars) << 1
 
     def _next(self, state: int, letter: str) -> int:

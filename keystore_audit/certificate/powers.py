@@ -45,8 +45,8 @@ class Because(Struct, frozen=True):
 
 
 class Powers(Struct, frozen=True):
-    """What somebody can do on a channel: by right; to overhear and forge, to attack; `own_*`: as its own implementation
-    lets it.
+    """What somebody can do on a channel: by right; to overhear and forge, to attack. `own_*`: as far as its own
+    implementation lets it.
     """
 
     writes: bool = False
@@ -88,11 +88,11 @@ class Peers:
         return {below for above, below in self._store.issued if above == authority}
 
     def _identities(self, who: str) -> set[str]:
-        """The certificate of an enclave; of who is none here, all that the identity CA issued stand for its own."""
+        """The certificate of an enclave; for holders elsewhere, all that the identity CA issued stand for theirs."""
         return {self._enclaves[who].identity.fingerprint} if who in self._enclaves else self._vouched
 
     def grants_itself(self, who: str) -> bool:
-        """Whether somebody signs permissions for itself that peers take; whoever else signs may do it for it."""
+        """Whether somebody signs its own permissions and peers accept them; any other signer may do it for it."""
         return not self._below.isdisjoint(self._identities(who)) or not self._below <= self._own
 
     def known(self, who: str) -> bool:
@@ -102,7 +102,7 @@ class Peers:
     def entitled(self, who: str, name: Name) -> bool:
         """Whether all that somebody reads there it reads by a grant of the permissions CA itself.
 
-        That its implementation may take such a right away does no harm, since it reads nothing then.
+        If its own implementation takes such a right away, it reads nothing, which does no harm.
         """
         topic, powers = self.rules(name)[1], self.powers(who, name, True)
         asked = topic and topic.read and powers.reads and not powers.overhears
@@ -117,7 +117,7 @@ class Peers:
         return domain, next((each for each in under if self._expressions.ends[each.expression] & name.ends), None)
 
     def _powers(self, who: str, name: Name, attacks: bool) -> Powers:
-        """Those of a participant, as anybody on the network and by its keys and rights."""
+        """The powers of a participant, as anybody on the network and by its keys and rights."""
         domain, topic = self.rules(name)
         if domain is None or topic is None:
             return Powers()
@@ -160,7 +160,7 @@ class Peers:
     def _decided(
         self, operation: str, name: Name, grant: Grant, binds: bool, default: bool = True
     ) -> tuple[bool, Rule | None]:
-        """What the grant decides in the default partition or in any other, and the rule that does, if one does."""
+        """What the grant decides in the default partition or in any other, and by which rule, if any."""
         for rule in grant.rules:
             if binds and not _within(name.domain, rule.domains):
                 continue
@@ -175,7 +175,7 @@ class Peers:
         return grant.allow and self._row.honours_default, None
 
     def _chosen(self, document: Permissions, subject: str) -> Iterator[Grant]:
-        """The grant of the document that counts for the subject, if one does."""
+        """The grant of the document that counts for the subject, if any."""
         for grant in document.grants:
             if self._names(grant.subject, subject):
                 force = self._in_force(grant)
@@ -191,7 +191,7 @@ class Peers:
         return wanted <= pieces
 
     def _in_force(self, grant: Grant) -> bool:
-        """Whether it is, in whatever zone the robot is."""
+        """Whether it is in force, whatever zone the robot is in."""
         early, late = self._at - _ANY_ZONE, self._at + _ANY_ZONE
         if grant.start <= early and late <= grant.end:
             return True
@@ -200,12 +200,12 @@ class Peers:
         raise CannotTell(f"a grant for {grant.subject} begins or ends within 14 hours of the instant")
 
     def _grants_of(self, who: str) -> list[tuple[Permissions, Grant]]:
-        """What counts for an enclave, or whoever has a subject: peers take whatever document it presents."""
+        """The grants that count for an enclave, or a subject elsewhere: peers take whatever document it presents."""
         subject = self._enclaves[who].identity.subject if who in self._enclaves else who
         return [(each, grant) for each in self._accepted for grant in self._chosen(each, subject)]
 
     def _refusals(self, who: str, name: Name, *operations: str) -> tuple[Because, ...]:
-        """The lines by which somebody does not get the operations there."""
+        """The lines that refuse somebody the operations there."""
         domain, topic = self.rules(name)
         path = self.first.governance.path
         if topic is None:

@@ -59,7 +59,7 @@ class Enclave(Struct, frozen=True):
 
 
 class Store(Struct, frozen=True):
-    """A keystore. `issued`: pairs of fingerprints, who leads to whom over the certificates that are here."""
+    """A keystore. `issued`: pairs of fingerprints: which certificate leads to which, over the certificates here."""
 
     enclaves: tuple[Enclave, ...]
     permissions: tuple[Permissions, ...]
@@ -125,7 +125,7 @@ def _files(top: Path) -> tuple[dict[str, bytes], dict[str, str]]:
 
 
 def _told(path: str, reads: Callable[..., _T], *said: object) -> _T:
-    """What it reads; who cannot tell says of which file."""
+    """What it reads; CannotTell names the file."""
     try:
         return reads(*said)
     except CannotTell as why:
@@ -133,7 +133,7 @@ def _told(path: str, reads: Callable[..., _T], *said: object) -> _T:
 
 
 def _openssl(content: bytes, *words: str) -> bytes | None:
-    """What openssl says of the content, None where it does not do it."""
+    """What openssl says of the content, None where it refuses."""
     try:
         done = subprocess.run(["openssl", *words], input=content, capture_output=True, timeout=_SECONDS, check=False)
     except (OSError, subprocess.SubprocessError) as error:
@@ -142,7 +142,7 @@ def _openssl(content: bytes, *words: str) -> bytes | None:
 
 
 def _digest(pem: bytes) -> str:
-    """That of what one block of PEM holds."""
+    """The digest of what one block of PEM holds."""
     return sha256(b64decode(b"".join(pem.splitlines()[1:-1]))).hexdigest()
 
 
@@ -187,7 +187,7 @@ def _check_others(files: Mapping[str, bytes], certificates: Mapping[str, Certifi
 
 
 def _leads(authority: bytes, certificate: bytes, every: Path) -> bool:
-    """Whether the certificate leads to the authority, over whatever is here."""
+    """Whether the certificate leads to the authority, over the certificates here."""
     trusted = every.with_name("trusted.pem")
     trusted.write_bytes(authority)
     words = ("verify", "-no_check_time", "-partial_chain", "-no-CApath", "-no-CAstore", "-trusted", str(trusted))
@@ -195,7 +195,7 @@ def _leads(authority: bytes, certificate: bytes, every: Path) -> bool:
 
 
 def _message(every: Path, known: Collection[str], content: bytes) -> tuple[str, bytes, int]:
-    """The one signer, who is known, the text, which stands in the message as it is, and how many lines before it."""
+    """The one signer, who is known; the text, which is in the message as it is; and how many lines precede it."""
     out, holder = every.with_name("signer.pem"), every.with_name("embedded.pem")
     holder.write_bytes(b"")
     words = ("cms", "-verify", "-noverify", "-text", "-certfile", str(every), "-signer", str(out))
@@ -211,7 +211,7 @@ def _message(every: Path, known: Collection[str], content: bytes) -> tuple[str, 
 
 
 def _fingerprints(pem: bytes) -> Sequence[str]:
-    """Of the certificates in PEM; nothing else may be among them."""
+    """The fingerprints of the certificates in PEM; nothing else may be among them."""
     blocks = [block for block in _BLOCK.finditer(pem) if block[1] == b"CERTIFICATE"]
     if pem.count(b"-----BEGIN") != len(blocks):
         raise CannotTell("holds more than certificates")

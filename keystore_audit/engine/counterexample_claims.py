@@ -137,7 +137,7 @@ def _known(case: Case, does: str, joining: str) -> Told:
     if not case.view.granted_by_known >> case.number & 1:
         grant = " and some grant of the permissions CA" if case.view.reading.requires_grant else ""
         why = f"including robots elsewhere: enable_join_access_control is false, and {joining}"
-        return f"Anybody with an identity of the CA{grant} {does} without a grant to, {why}", case.governance_steps()
+        return f"Anybody with an identity of the CA{grant} {does} without a grant, {why}", case.governance_steps()
     authority = case.system.certificates[min(case.view.issuing_signers)]
     text = (
         f"Anybody with an identity of the CA that is fit to sign {does}, including robots elsewhere, by signing their "

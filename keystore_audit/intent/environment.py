@@ -41,7 +41,7 @@ SECURE: Final = {ENABLE: "true", STRATEGY: "Enforce"}
 CONFIGURATION: Final = facts.OVERRIDE_OF_CONFIGURATION
 
 VARIABLES: Final = (ENABLE, STRATEGY, KEYSTORE, OVERRIDE, DOMAIN, RMW, DISTRIBUTION, CONFIGURATION)
-"""Those that are looked at; others are passed over."""
+"""The variables that are looked at; others are passed over."""
 
 _ASSIGNMENT: Final = re.compile(r"(export[ \t]+)?([A-Za-z_][A-Za-z0-9_]*)=(.*)", re.DOTALL)
 _COMMENT: Final = re.compile(r"[ \t]+#.*|[ \t]*")
@@ -55,7 +55,7 @@ _COUNTER: Final = re.compile(
     "BAUD|COLUMNS|DIRSTACKSIZE|E?[GU]ID|ERRNO|FUNCNEST|HISTCMD|HISTSIZE|KEYTIMEOUT|LINENO|LINES|LISTMAX|LOGCHECK"
     "|MAILCHECK|OPTIND|PERIOD|S?RANDOM|REPORTMEMORY|REPORTTIME|SAVEHIST|SECONDS|SHLVL|TMOUT|TRY_BLOCK_[A-Z]+"
 )
-"""Variables that bash, zsh or ksh take for numbers: what is assigned is worked out, and `NAME=0` in it assigns, too."""
+"""Variables that bash, zsh or ksh take for numbers: the value is computed, and `NAME=0` in it assigns, too."""
 _NUMBER: Final = re.compile(r"""(["']?)(?:0|-?[1-9][0-9]{0,17})?\1[ \t]*""")
 _RUN: Final = {
     **dict.fromkeys(("BASH_ENV", "PROMPT_COMMAND"), "bash runs what {} names"),
@@ -139,7 +139,7 @@ def read_environment(path: Path) -> Environment:
 
 
 def _line(content: str, place: str) -> str:
-    """The line without blanks around it; raises UsageError for one that is not read alike by all."""
+    """The line without blanks around it; raises UsageError for one that is read differently."""
     if "\r" in content:
         raise UsageError(
             f"{place}: a carriage return, which a shell takes into the value; expected lines that end in LF."
@@ -152,7 +152,7 @@ def _line(content: str, place: str) -> str:
 def _value(text: str, place: str, *, commented: bool) -> str:
     """The value without its quotes, and without a comment where one may stand.
 
-    Raises UsageError for one that only a shell could tell.
+    Raises UsageError for one that only a shell could compute.
     """
     match = _QUOTED.match(text) or _BARE.match(text)
     rest = text[match.end() :] if match is not None else text

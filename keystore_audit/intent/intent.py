@@ -149,7 +149,7 @@ class Intent(Struct, frozen=True, kw_only=True):
     """What one file, with all that it includes, says.
 
     `files`: it and those it includes, in the order in which they were read. `enclaves`: every path it names, with the
-    place. `speaking`: what is not read and speaks of security, so that it may switch it off.
+    place. `speaking`: unread parts that mention security, so that they may switch it off.
     """
 
     origin: Origin

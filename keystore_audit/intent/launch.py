@@ -150,7 +150,7 @@ class _Launch:
                 self._unread(element, scope, source)
 
     def _sets(self, element: Element, scope: Scope, location: Location) -> bool:
-        """Whether the element sets something, which is done."""
+        """Whether the element sets something; if so, it is set."""
         match element.kind:
             case "arg":
                 self._declare(element, scope, location)
@@ -169,7 +169,7 @@ class _Launch:
         return True
 
     def _unread(self, element: Element, scope: Scope, source: Source) -> None:
-        """An element that is not known, as a loop, or code: one note a file, and whether it speaks of security."""
+        """An unknown element, as a loop, or code: one note a file, and whether it mentions security."""
         if id(element) not in self._searched:
             self._searched.add(id(element))
             word = element.words() if element.kind == "speaks" else speaks_of(element.words())
@@ -194,7 +194,7 @@ class _Launch:
             scope.arguments[name] = scope.known(element.attributes["value"])
 
     def _name(self, element: Element, scope: Scope, location: Location) -> str | None:
-        """The name of an argument or variable; None, and said, where it cannot be told."""
+        """The name of an argument or variable; None, with a note, where it is unknown."""
         name = scope.known(element.attributes["name"])
         if isinstance(name, str):
             return name

@@ -57,7 +57,7 @@ INSTALLED: Final = {
     **dict.fromkeys(("find-exec", "exec-in-pkg", "FindExecutable"), "where a program is installed"),
     "anon": "a name with a part that is new each time",
 }
-"""Substitutions, as XML and as Python call them, that hang on where launch runs."""
+"""Substitutions, as XML and as Python call them, that depend on where launch runs."""
 
 COMMANDS: Final = {
     **dict.fromkeys(("command", "Command"), "the output of a command, which is not run"),
@@ -66,7 +66,7 @@ COMMANDS: Final = {
 """Substitutions that hold code, which is not read."""
 
 OF_ROS_1: Final = "{} is of ROS 1 (roslaunch): ROS 2 does not start this file, and it is not read"
-"""What is said of what ROS 1 alone has; its launch files have the same names and root element."""
+"""The message about what only ROS 1 has; its launch files have the same names and root element."""
 
 REQUIRED: Final[Mapping[str, tuple[str, ...]]] = {
     "arg": ("name",),
@@ -125,13 +125,13 @@ class Element(Struct, frozen=True, kw_only=True):
 
 
 def speaks_of(*texts: str) -> str:
-    """The first word of security that stands in the texts; empty where there is none."""
+    """The first word of security in the texts; empty where there is none."""
     found = (_SPEAKING.search(text) for text in texts)
     return next((match[0] for match in found if match), "")
 
 
 def written(text: Text) -> str:
-    """The text; `$` stands for what has to be worked out."""
+    """The text; `$` stands for what has to be computed."""
     return "".join(part if isinstance(part, str) else "$" for part in text)
 
 

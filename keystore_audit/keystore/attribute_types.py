@@ -40,5 +40,5 @@ _NAMES: Final = {identifier: name for name, identifier in OBJECT_IDENTIFIERS.ite
 
 
 def written(name: x509.Name) -> str:
-    """The name as RFC 4514 has it, with the types that OpenSSL has a short name for under that."""
+    """The name as RFC 4514 has it, with OpenSSL's short names for the types that have one."""
     return name.rfc4514_string(_NAMES)

@@ -41,7 +41,7 @@ _OTHER: Final[Problem] = (
     Kind.CMS_MALFORMED,
     "expected signed data as openssl writes it, found other versions, types, parameters or attributes (RFC 5652)",
 )
-"""What run times read in their own ways, and no writer of documents makes."""
+"""What run times interpret differently, and no writer of documents makes."""
 
 
 class CmsError(ValueError):
@@ -241,7 +241,7 @@ def _attributes(attributes: list[_Attribute]) -> tuple[bytes | None, datetime | 
 
 
 def _time(value: TLV) -> datetime | None:
-    """The UTCTime or GeneralizedTime, aware UTC; None for anything else, since nothing rests on it."""
+    """The UTCTime or GeneralizedTime, aware UTC; None for anything else, since nothing depends on it."""
     kind: type[UTCTime] | type[GeneralizedTime] = UTCTime if value.tag_bytes == _UTC_TIME else GeneralizedTime
     try:
         time: datetime = value.parse(kind).as_datetime()

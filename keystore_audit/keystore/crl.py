@@ -189,7 +189,7 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
 
 
 def unknown_critical(extensions: x509.Extensions, processed: frozenset[str]) -> tuple[str, ...]:
-    """Object identifiers of the critical ones that are not processed."""
+    """Object identifiers of the critical extensions that are not processed."""
     identifiers = (each.oid.dotted_string for each in extensions if each.critical)
     return tuple(identifier for identifier in identifiers if identifier not in processed)
 

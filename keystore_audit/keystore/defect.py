@@ -91,15 +91,15 @@ class Defect(Struct, frozen=True, kw_only=True):
 
 
 def first_opaque(defects: Iterable[Defect]) -> Defect | None:
-    """The first for which some run time may accept what we refuse to interpret; None where there is none."""
+    """The first defect for which some run time may accept what we refuse to interpret; None where there is none."""
     return next((each for each in defects if each.kind.opaque), None)
 
 
 class Malformed(ValueError):
-    """A text that the user names is none of its form: `line` and `detail`, a sentence without its end."""
+    """A text that the user names has not its form: `line` and `detail`, a sentence without its end."""
 
     def __init__(self, line: int, detail: str) -> None:
-        """Keep both."""
+        """Keep line and detail."""
         super().__init__(detail)
         self.line = line
         self.detail = detail

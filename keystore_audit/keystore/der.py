@@ -147,7 +147,7 @@ def well_formed(tag: int, content: bytes | memoryview) -> bool:
 
 
 def well_formed_throughout(der: bytes) -> bool:
-    """Whether every element is, at any depth; nothing is said of what octet strings hold."""
+    """Whether every element is well-formed, at any depth; the content of octet strings is not looked at."""
     pending = [(0, len(der))]
     looked_at = 0
     try:

@@ -45,7 +45,7 @@ Place = tuple[bytes, ...]
 """Names from the root downwards. What lies in another root begins with the absolute path of that one, as one name."""
 
 Left = tuple[Place, bytes]
-"""A link by which a way goes by where the root lies, and what it says; its place is () where the way begins with it."""
+"""A link by which a way depends on where the root lies, and its text; its place is () where the way begins with it."""
 
 
 class Refusal(Exception):

@@ -40,7 +40,7 @@ MAX_WILD_CHARACTERS: Final = 20_000
 A real enclave has some dozens; 1,000 of 20 characters are within it."""
 
 FEW_BYTES: Final = 16_384
-"""In so many there are less of any of these: a rule takes 50 bytes, a topic 16."""
+"""A document of fewer bytes has fewer of all these: a rule takes 50 bytes, a topic 16."""
 
 _COUNTED: Final = {
     "grant": "grants",
@@ -55,10 +55,10 @@ _WILD: Final = "topics and partitions with wildcards"
 _CHARACTERS: Final = f"characters of {_WILD}"
 _MOST: Final = {"topics": MAX_NAMES, "partitions": MAX_NAMES, _WILD: MAX_WILD, _CHARACTERS: MAX_WILD_CHARACTERS}
 KNOWN_FORMS: Final = frozenset({Kind.XML_VARIES, Kind.SCHEMA_INVALID, Kind.VALUE_INVALID})
-"""Defects of which `syntax` knows what becomes of them."""
+"""Defects for which `syntax` knows what implementations make of them."""
 
 ONLY_1_1: Final = (Syntax.IN_ORDER, Syntax.ANY_ORDER)
-"""Who reads no governance of DDS-Security 1.0, and ranges of ids that end before they begin (measured)."""
+"""Readings that take no governance of DDS-Security 1.0, and no ranges of ids that end before they begin (measured)."""
 
 _EXPRESSIONS: Final = ("topic", "partition", "topic_expression")
 _WILDCARDS: Final = frozenset("*?[")
@@ -176,22 +176,22 @@ def _counted(element: etree._Element) -> Iterator[tuple[str, int]]:
 
 
 class Readings(Struct, Generic[T], frozen=True, kw_only=True):
-    """What a document says to each kind of reader of XML; a str: why one refuses it; a defect: why nobody knows.
+    """What a document says to each kind of XML reader; a str: why one refuses it; a defect: why it is unknown.
 
-    One that is not there reads it in a way that nobody knows.
+    For a kind that is missing, it is unknown how it reads the document.
     """
 
     by_syntax: Mapping[Syntax, T | str | Defect]
 
     @property
     def common(self) -> T | None:
-        """What it says to every one, if that is one meaning."""
+        """What it says to all of them, if that is one meaning."""
         first = self.first
         return first if all(self.by_syntax.get(syntax) is first for syntax in Syntax) else None
 
     @property
     def distinct(self) -> list[T]:
-        """What it says, reading by reading; they differ in single values."""
+        """Its distinct meanings; they differ in single values."""
         return [*{id(each): each for each in self._read}.values()]
 
     @property
@@ -209,8 +209,8 @@ def read_document(
 ) -> tuple[Readings[T], tuple[Defect, ...]]:
     """What `read` makes of the signed text, and everything out of order in it, in the order found.
 
-    A document that breaks the plain form is read as each implementation does (`syntax.as_read`), where that is known of
-    all that is out of order. Raises AuditError only if the installation lacks its schemas.
+    A document that breaks the plain form is read as by each implementation (`syntax.as_read`), if that is known
+    for all that is out of order. Raises AuditError only if the installation lacks its schemas.
     """
     root, found = read_xml(signed)
     if root is None:

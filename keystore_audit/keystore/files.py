@@ -24,12 +24,12 @@ class Status(str, Enum):
 
     @property
     def unknown(self) -> bool:
-        """Whether a robot might read something here that we did not."""
+        """Whether a robot might read something here that we did not read."""
         return self in (Status.OUTSIDE, Status.SPECIAL, Status.TOO_LARGE, Status.UNREADABLE)
 
 
 UNREAD_BUT_THERE: Final = frozenset({Status.PRESENT, Status.UNREADABLE, Status.TOO_LARGE})
-"""A key that nobody could read is in the tree all the same; one outside, by a link, is not."""
+"""An unreadable key is in the tree all the same; one outside, by a link, is not."""
 
 
 class File(Struct, frozen=True, kw_only=True):

@@ -62,12 +62,12 @@ class Foreign(Struct, frozen=True, kw_only=True):
 
     @property
     def unread(self) -> bool:
-        """Whether something may stand in it that nobody read."""
+        """Whether it may hold something that was not read."""
         return self.file.status.unknown or self.file.opaque != ""
 
 
 def find_foreign(root: Root, layout: Layout) -> Iterator[Foreign]:
-    """By path. Every file has been read."""
+    """The foreign files, by path. Every file has been read."""
     known = {path for file in _known(layout) for path in (file.path, file.place)}
     own = {enclave.directory for enclave in layout.enclaves}
     passed, ways = root.passed(), root.ways()

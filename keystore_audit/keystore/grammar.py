@@ -36,7 +36,7 @@ _OLD_IS_READ: Final = {  # rules of permissions differ in the order of publish, 
     "permissions": facts.ORDER_OF_1_0,
 }
 _RAISED_BY_XMLSCHEMA: Final = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError)
-"""Beside its own exceptions: on xsi:type, on years of twenty digits."""
+"""What xmlschema raises beyond its own exceptions: on xsi:type, on years of twenty digits."""
 
 _VALUE_TYPES: Final = {
     "xs:boolean": "true or false",
@@ -121,7 +121,7 @@ def _schema(version: str, grammar: Grammar, *, any_date: bool = False) -> etree.
 
 @lru_cache(maxsize=2)
 def _explaining(grammar: Grammar) -> XMLSchema10:
-    """The schema by its text, with leave to load nothing: of a path xmlschema makes a URL, and asks urllib for it."""
+    """The schema by its text, and without permission to load anything: xmlschema gives a path to urllib as a URL."""
     import xmlschema  # 0.2 s, and only documents that are refused need it
 
     text = Path(_schema_path(_CURRENT, grammar)).read_text("utf-8")

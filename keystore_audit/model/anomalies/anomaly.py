@@ -119,7 +119,7 @@ _MAX_PAIRS: Final = 40_000
 
 _FILLERS: Final = string.ascii_lowercase + string.ascii_uppercase + "_" + string.digits
 _LEADS: Final = ("", "/", "t/", "rt/", "q/", "rq/", "rr/")
-"""What may stand for a `*`: one of these and a character, so that `*` becomes `rt/a`."""
+"""What may stand for a `*`: one of these and a character, so `*` becomes `rt/a`."""
 
 
 class NameClass(NamedTuple):
@@ -217,7 +217,7 @@ def _holds(prefix: str, suffix: str, name: str) -> bool:
 
 
 def _inside(stars: Sequence[_Star]) -> dict[_Star, set[_Star]] | None:
-    """For each, those inside of it; None where two overlap without that."""
+    """For each star, those inside of it; None where two overlap otherwise."""
     inside: dict[_Star, set[_Star]] = {star: set() for star in stars}
     for number, one in enumerate(stars):
         for other in stars[number + 1 :]:
@@ -242,7 +242,7 @@ def _order(first_extends: bool, second_extends: bool) -> int | None:
 def _beside(star: _Star, narrower: Iterable[_Star], literals: Mapping[str, object]) -> str | None:
     """A name of the expression that no narrower one takes and that is no literal; None if no character is left.
 
-    What stands for the `*` begins and ends unlike the narrower ones do there. A name of ROS 2, if that is one.
+    What stands for the `*` begins and ends unlike the narrower ones do there. It is a name of ROS 2, if possible.
     """
     prefix, suffix = star
     begun = {each[0][len(prefix)] for each in narrower if len(each[0]) > len(prefix)}

@@ -69,7 +69,7 @@ class _Anomalies:
         self._governed = {row: self._governed_domains(row) for row in self._rows}
 
     def found(self) -> dict[str, tuple[Anomaly, ...]]:
-        """By place."""
+        """The anomalies by place."""
         counterparts = self._counterparts()
         found = {}
         for file in self._files:
@@ -78,7 +78,7 @@ class _Anomalies:
         return found
 
     def _counterparts(self) -> Counterparts | None:
-        """None where nobody can be said to be missing: a document cannot be read, or there is one enclave alone."""
+        """None where nobody can be said to be missing: a document is unread, or there is only one enclave."""
         row = next(iter(self._rows), None)
         files = [file for file in self._files if file is not None]
         enclaves = self._keystore.enclaves
@@ -120,7 +120,7 @@ class _Anomalies:
         return collected.all()
 
     def _readings(self, file: Typed) -> list[_Reading]:
-        """The ways in which the chosen profiles read the document, those that come to the same as one."""
+        """The ways in which the chosen profiles read the document; equal ones are one."""
         found: list[_Reading] = []
         for row, names in self._rows.items():
             document = self._accesses.read(file, row)
@@ -175,7 +175,7 @@ def _is_same(reading: _Reading, document: ReadDocument, row: Access) -> bool:
 
 
 def _counting(grants: Sequence[ReadGrant]) -> Iterator[ReadGrant]:
-    """The first grant of each subject: second ones count for nothing, which has a rule of its own."""
+    """The first grant of each subject: later ones do not count, which has a rule of its own."""
     seen: set[str] = set()
     for grant in grants:
         subject = grant.grant.subject_name.text

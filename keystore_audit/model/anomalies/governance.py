@@ -90,7 +90,7 @@ def _shadowed_domain_rule(read: ReadDomainRule, winner: DomainRule, *, serious: 
 
 
 def _lacks(winner: _Protections, shadowed: _Protections, matcher: Matcher, effort: Effort) -> bool:
-    """Whether the rule that applies lacks a protection that the other one has."""
+    """Whether the rule that applies lacks a protection of the other one."""
     if shadowed.domain - winner.domain:
         return True
     names = list(dict.fromkeys(text for each in (winner, shadowed) for text, _ in each.topics))
@@ -107,7 +107,7 @@ def _lacks(winner: _Protections, shadowed: _Protections, matcher: Matcher, effor
 
 
 def _topic_rules(read: ReadDomainRule, matcher: Matcher, effort: Effort) -> Iterator[Anomaly]:
-    """Topic rules of which earlier ones of the domain rule leave nothing."""
+    """Topic rules to which earlier ones of the domain rule leave nothing."""
     rules = read.rule.topic_rules
     names = list(dict.fromkeys(rule.expression.text for rule in rules))
     at = {text: number for number, text in enumerate(names)}
@@ -167,7 +167,7 @@ def _protections(said: tuple[tuple[str, bool | ProtectionKind], ...]) -> frozens
 
 
 _OF_SERVICES: Final = (f"{REQUEST_PREFIX}/", f"{REPLY_PREFIX}/", f"{SERVICE_PREFIX}/")
-"""Services, and actions, are looked at as a whole elsewhere, and offered to tools without anybody in the keystore."""
+"""Services and actions are checked as a whole elsewhere, and may be offered to tools outside the keystore."""
 
 _COUNTERPART: Final = {
     Operation.PUBLISH: (Operation.SUBSCRIBE, Operation.RELAY),
@@ -202,7 +202,7 @@ class Counterparts:
                         self._wild[operation].add(number, parse(text, matcher))
 
     def missing(self, grant: ReadGrant) -> Iterator[Use]:
-        """The topics that the grant allows by name and nobody may be at the other end of."""
+        """The topics that the grant allows by name and that have nobody at the other end."""
         if self._default:
             return
         for operation in _COUNTERPART:
@@ -267,7 +267,7 @@ class _Decisions:
 
 
 def _listed(rules: Iterable[ReadRule], operation: Operation) -> set[str]:
-    """What the allow rules list."""
+    """The topics that allow rules list."""
     return set().union(*(area.topics for rule in rules if rule.allow for area in rule.region(operation)))
 
 
@@ -277,7 +277,7 @@ def _is_simple(rules: Sequence[ReadRule]) -> bool:
 
 
 def _open(governances: Iterable[GovernanceFile], operation: Operation) -> tuple[str, ...]:
-    """Expressions of topics for which no grant is asked, in some domain of some governance."""
+    """Expressions of topics without access control in some domain of some governance."""
     return tuple(
         dict.fromkeys(
             topic.expression.text

@@ -43,7 +43,7 @@ _PROBES: Final = ("", "a", "/a", "a/b", "t/a", "rt/a")
 
 
 def void(texts: Iterable[str], matchers: Collection[Matcher], effort: Effort) -> set[str]:
-    """Those that are about nothing to all matchers: no name matches, or they are malformed and no ROS 2 name does.
+    """Those that match nothing under any matcher: no name matches, or they are malformed and no ROS 2 name does.
 
     Raises errors.BudgetExceeded.
     """
@@ -63,7 +63,7 @@ def _is_void(pattern: Pattern, effort: Effort) -> bool:
 
 
 def matches_nothing(pattern: Pattern) -> bool:
-    """Whether no name matches: a character is asked for that there is not, or only the empty name would do."""
+    """Whether no name matches: it needs a character that does not exist, or matches only the empty name."""
     return pattern.literal == "" or any(
         not isinstance(piece, str) and any(not isinstance(each, str) and not each.ranges for each in piece)
         for piece in pattern.pieces
@@ -80,7 +80,7 @@ def foreign(texts: Collection[str], matchers: Collection[Matcher], effort: Effor
 
 
 def are_ros_names(texts: Collection[str]) -> bool:
-    """Whether all are for certain; the quick question for 100,000s of names."""
+    """Whether all certainly are; the quick check for 100,000s of names."""
     whole = "\n".join(texts) + "\n"
     if _NOT_OF_NAMES.search(whole) or _NOT_OF_TOKENS.search(whole) or any(broken in whole for broken in _BROKEN):
         return False
@@ -126,7 +126,7 @@ def _probed(pattern: Pattern) -> bool:
 
 @lru_cache(maxsize=4096)
 def _decided(text: str, matcher: Matcher) -> bool:
-    """Whether it is so, decided over all names; said where that takes too many states, since nothing is then wrong."""
+    """Whether a ROS 2 name matches, decided over all names; yes where that takes too many states: nothing is wrong."""
     try:
         classes = classify((parse(text, matcher),), budget=_STATES)
     except BudgetExceeded:
@@ -217,7 +217,7 @@ class _Told:
 
 
 def _signature(rule: ReadRule) -> str:
-    """What the rule says, without lines."""
+    """The rule's content, without lines."""
     said = sorted(
         f"{operation.value} {text} {'in all' if area.partitions is None else sorted(area.partitions)}"
         for operation in Operation
@@ -271,7 +271,7 @@ def _expressions(
 ) -> Iterator[Anomaly]:
     """An anomaly for each of the expressions, once for allow rules and once for deny rules.
 
-    `opens`: whether it gives something away that a deny rule has it.
+    `opens`: whether something is given away if a deny rule has it.
     """
     seen: set[tuple[bool, str]] = set()
     for rule in grant.grant.rules:

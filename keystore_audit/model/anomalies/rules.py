@@ -112,7 +112,7 @@ class _Cells:
                     yield Expression(operation, text, self._topic_bits[text] * spread << at * self._plane)
 
     def says_something(self, rule: ReadRule) -> bool:
-        """Whether the rule is about any cell at all, those apart in which nothing is allowed anyway."""
+        """Whether the rule is about any cell, except cells in which nothing is allowed anyway."""
         return bool(rule.domains) and any(
             self._topic_bits[text] and (area.partitions is None or area.partitions)
             for operation in Operation
@@ -137,7 +137,7 @@ class _Cells:
         )
 
     def _spread(self, domains: tuple[Interval, ...], partitions: tuple[str, ...] | None) -> int:
-        """By what a set of topics is multiplied to have it in each of the domains and partitions."""
+        """The factor that puts a set of topics into each of the domains and partitions."""
         known = self._spreads.get((domains, partitions))
         if known is None:
             cover = domain_bits(domains)
@@ -158,7 +158,7 @@ class _Cells:
 
 
 def _alone(sets: Mapping[int, int], number: int) -> int:
-    """What is in this of the sets and in no other."""
+    """What is in this set and in no other."""
     return sets.get(number, 0) & ~union(each for other, each in sets.items() if other != number)
 
 
@@ -250,10 +250,10 @@ class _Order:
             fired[each.rule.allow] |= each.fires
 
     def without_effect(self, *, default_allow: bool) -> Iterator[RuleAnomaly]:
-        """Rules that fire, and nothing changes without them: taken out one by one, from the last on.
+        """Rules that fire but change nothing: taken out one by one, from the last on.
 
-        Rules that fire nowhere count as gone before, but one that would fire without this one, and decide the opposite.
-        An allow rule also lets its holder join its domains.
+        Rules that fire nowhere count as gone before, except one that would fire without this one, and decide the
+        opposite. An allow rule also lets its holder join its domains.
         """
         later: list[_Fired] = []
         listed: _Listed = {True: {}, False: {}}
@@ -288,13 +288,13 @@ class _Order:
             allowed = allowed | each.cells if allow else allowed & ~each.cells
 
     def _list(self, rule: ReadRule, listed: dict[tuple[Operation, tuple[Interval, ...]], int]) -> None:
-        """Note what a rule lists, where own endpoints are asked apart."""
+        """Note what a rule lists, where own endpoints are decided apart."""
         for operation in DIRECTIONS if self._own != Own() else ():
             key = operation, rule.domains
             listed[key] = listed.get(key, 0) | self._cells.names(rule, operation)
 
     def _decides_own(self, rule: ReadRule, later: Mapping[tuple[Operation, tuple[Interval, ...]], int]) -> bool:
-        """Whether own endpoints that the rule decides about may be what a later one decides about otherwise."""
+        """Whether a later rule may decide otherwise about own endpoints that this rule decides about."""
         covered, every = domain_bits(rule.domains), self._cells.names(rule)
         named = {operation: self._cells.names(rule, operation) for operation in DIRECTIONS}
         return any(
@@ -304,7 +304,7 @@ class _Order:
         )
 
     def expressions_never_firing(self) -> Iterator[RuleAnomaly]:
-        """Expressions that earlier rules leave nothing to, and one of them decides the opposite."""
+        """Expressions to which earlier rules leave nothing, and one of those decides the opposite."""
         before = 0
         fired = {True: 0, False: 0}
         for each in self._rules:
@@ -325,7 +325,7 @@ class _Order:
             fired[each.rule.allow] |= each.fires
 
     def overlapping(self, effort: Effort) -> Iterator[RuleAnomaly]:
-        """Pairs of expressions of opposite rules of which the earlier decides where the later would do otherwise."""
+        """Pairs of expressions of opposite rules where the earlier decides and the later would decide otherwise."""
         later: list[_Fired] = []
         others = {True: 0, False: 0}
         for each in reversed(self._rules):

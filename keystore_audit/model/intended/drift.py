@@ -117,7 +117,7 @@ class _Search:
         self.undecided: list[Doubt] = []
 
     def of(self, enclave: Enclave, profiles: Profiles) -> Iterator[EnclaveDrift]:
-        """Where the enclave's rights are others than the policy has them."""
+        """Where the enclave's rights differ from the policy."""
         meant = policy_grant(profiles)
         certificate = enclave.identity
         doubt = self._doubt(enclave)
@@ -170,7 +170,7 @@ class _Search:
         self.undecided.append(Doubt(enclave=enclave.path, location=location, reason=reason))
 
     def _doubt(self, enclave: Enclave) -> Doubt | None:
-        """Why it cannot be told what the enclave's own permissions grant it."""
+        """Why it is unknown what the enclave's own permissions grant it."""
         doubt = identity_doubt(enclave)
         if opens(doubt):
             return doubt
@@ -202,7 +202,7 @@ class _Search:
 
 
 class _Naming:
-    """Which grants name which identity, worked out once for the whole keystore."""
+    """Which grants name which identity, computed once for the whole keystore."""
 
     def __init__(self, keystore: Keystore) -> None:
         files = [document.file for document in documents_of(keystore)]

@@ -59,7 +59,7 @@ class PolicyGrant(Struct, frozen=True, kw_only=True):
 
 
 def policy_grant(profiles: Profiles) -> PolicyGrant:
-    """What sros2 grants for it."""
+    """What sros2 grants for these profiles."""
     rights: dict[tuple[bool, Operation, str], IntendedRight] = {}
     for right in profiles.rights:
         for operation, expression in dds_expressions(right.action.value, right.name):
@@ -109,7 +109,7 @@ def written_grant(
 
 
 MAX_RIGHTS: Final = 200
-"""Rights of one enclave and direction that are worked out one by one; of more, their number is said."""
+"""Rights of one enclave and direction that are computed one by one; beyond, only their number is reported."""
 
 _EVERYWHERE: Final = (0, MAX_DOMAIN)
 _DISCOVERY: Final[Region] = (Area((DISCOVERY_TOPIC,), None),)
@@ -157,7 +157,7 @@ class _Kind(Struct, frozen=True, eq=False):
 
 
 _Step = Step[ReadRule | None]
-"""Of the policy's or the document's rules; `by` None: the default, or no grant at all."""
+"""A step of the policy's or the document's rules; `by` None: the default, or no grant at all."""
 
 
 class Comparison:
@@ -249,7 +249,7 @@ class Comparison:
         return common or granted or governed or (_EVERYWHERE,)
 
     def _plainly_same(self, kind: _Kind, domains: tuple[Interval, ...]) -> bool:
-        """Whether the grant lists what the policy's lists, so that there is nothing to work out: the usual case."""
+        """Whether the grant lists what the policy's grant lists, so that nothing has to be computed: the usual case."""
         if kind.read is None or kind.read.default_allow:
             return False
         rules = [rule for rule in kind.read.rules if rule.region(Operation.RELAY) or rule.of_peers or _names(rule)]
@@ -371,7 +371,7 @@ class _Found:
 
 
 def _familiarity(channels: Channels, number: int) -> tuple[object, ...]:
-    """What people know comes first."""
+    """An order: names that people know come first."""
     channel = channels.channels[number]
     return channel.partition != "", not channel.ros, channel.topic in AMBIENT_TOPICS, channel.topic, number
 

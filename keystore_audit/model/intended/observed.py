@@ -45,7 +45,7 @@ class MissingGrant(Struct, frozen=True, kw_only=True):
 
 
 class DeniedName(Struct, frozen=True, kw_only=True):
-    """A node uses a name with which its enclave may do nothing that ROS 2 knows."""
+    """A node uses a name with which its enclave may do nothing."""
 
     used: UsedName
     enclave: str
@@ -88,7 +88,7 @@ class UnknownEnclave(Struct, frozen=True, kw_only=True):
 
 
 class Undecided(Struct, frozen=True, kw_only=True):
-    """An enclave about which something could not be told: a sentence without its full stop."""
+    """An enclave about which something is unknown: a sentence without its full stop."""
 
     enclave: str
     reason: str
@@ -98,7 +98,7 @@ class Undecided(Struct, frozen=True, kw_only=True):
 class Observation(Struct, frozen=True, kw_only=True):
     """What files say of the system, compared with one keystore. `paths`: of the files, as the user gave them.
 
-    `unused`: enclaves of which the files show no node, so that nothing of theirs was compared.
+    `unused`: enclaves without a node in the files, so that nothing of theirs was compared.
     """
 
     paths: tuple[str, ...]
@@ -150,7 +150,7 @@ def observe(
 
 
 def _unknown(intents: Sequence[Intent], keystore: Keystore) -> Iterator[UnknownEnclave]:
-    """Not where the user gave the folder of one enclave: the others are elsewhere."""
+    """Enclaves that the keystore lacks; none if the user gave the folder of one enclave: the others are elsewhere."""
     known = {enclave.path for enclave in keystore.enclaves}
     if keystore.layout.kind is LayoutKind.ENCLAVE:
         return
@@ -175,7 +175,7 @@ class _Told:
 
 
 class _Comparison:
-    """One enclave."""
+    """The comparison for one enclave."""
 
     def __init__(self, enclave: Enclave, told: _Told, deciders: Deciders, *, complete: bool) -> None:
         self._enclave = enclave
@@ -197,7 +197,7 @@ class _Comparison:
         self._undecided: dict[str, list[str]] = {}
 
     def missing(self) -> Iterator[MissingGrant]:
-        """What it needs and does not get."""
+        """What it needs and is denied."""
         every = tuple(dict.fromkeys(channel for need in self._needs for channel in need.channels))
         kinds = [  # most enclaves have all that they need: then one question is enough
             (profile, names)
@@ -270,7 +270,7 @@ class _Comparison:
             )
 
     def undecided(self) -> Iterator[Undecided]:
-        """What came to light on the way: ask last."""
+        """What became unknown on the way: ask last."""
         for reason, names in self._undecided.items():
             yield Undecided(enclave=self._enclave.path, reason=reason, profiles=self._in_order(names))
 
