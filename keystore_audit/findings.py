@@ -47,19 +47,19 @@ class Act(str, Enum):
 
 _SAID: Final = {
     Act.SIGN: "Sign the document again with the permissions CA.",
-    Act.EDIT: "Write it into the document's .xml, and sign that with the permissions CA.",
-    Act.EDIT_GOVERNANCE: "Write it into the governance's .xml, and sign that with the permissions CA.",
+    Act.EDIT: "Edit the document's .xml and sign it with the permissions CA.",
+    Act.EDIT_GOVERNANCE: "Edit the governance's .xml and sign it with the permissions CA.",
     Act.EDIT_PERMISSIONS: (
-        "Write it into permissions.xml, and sign that with the permissions CA; or into the policy, and run `ros2 "
-        "security create_permission KEYSTORE ENCLAVE policy.xml`."
+        "Edit and sign permissions.xml, or edit the policy and run `ros2 security create_permission KEYSTORE ENCLAVE "
+        "policy.xml`."
     ),
     Act.ISSUE: "Issue a new key and certificate under the identity CA, for a year.",
-    Act.RENEW: "Renew the authority's certificate, with its own key and name, and sign again what names the old one.",
+    Act.RENEW: "Renew the authority's certificate with its own key and name, and sign again what names the old one.",
     Act.NEW_IDENTITY_CA: "Make a new identity CA, and issue all identities under it, for a year.",
     Act.NEW_PERMISSIONS_CA: "Make a separate permissions CA, and sign all documents with it.",
     Act.LINK: "Make the link again, as sros2 makes it.",
-    Act.CLOSE_KEY: "Take the rights of other users from the key (chmod 600).",
-    Act.CLOSE: "Take the right to write from other users (chmod go-w).",
+    Act.CLOSE_KEY: "Remove the rights of other users to the key (chmod 600).",
+    Act.CLOSE: "Remove the right to write of other users (chmod go-w).",
 }
 
 

@@ -69,8 +69,8 @@ class Role(str, Enum):
 class Property(Struct, frozen=True, kw_only=True):
     """One question.
 
-    `id` is also the name of its KA7 rule; `roles` the quantified variables of its predicate, outermost first;
-    `attacker` who is meant to fail; `clause` what it rests on.
+    `id` is also the name of its KA7 rule. `roles`: the quantified variables of its predicate, outermost first.
+    `attacker`: who is meant to fail. `clause`: what it rests on.
     """
 
     id: str
@@ -110,8 +110,8 @@ class Answer(Struct, frozen=True, kw_only=True):
     An engine may give one witness or several, the most telling first; UNKNOWN only of determinism: within one reading
     everything else is decided. Of determinism: `rounds` are two runs that differ in the last one, in the behaviour of
     this index. Of a claim (`model.formal.asked`): `path` is a shortest flow that violates it, where its kind has
-    flows, and `moment`, where the engine says so, the first at which it is violated: twice the index of an instant,
-    plus one for the time between it and the next.
+    flows. `moment`, where the engine says so, is the first at which it is violated. It is twice the index of an
+    instant, plus one for the time between it and the next.
     """
 
     status: Status
@@ -199,8 +199,8 @@ class EngineStatus(str, Enum):
 class EngineRun(Struct, frozen=True, kw_only=True):
     """An engine and how it fared.
 
-    `required`: it was asked for by name, or was started, so that its failure counts. `atoms`: the size of the largest
-    model of the keystore, and of what the engine was asked about in its place; None where no model was made.
+    `required`: it was asked for by name, or was started, so that its failure counts. `atoms`: the sizes of the
+    largest model of the keystore, and of what the engine was asked about in its place. None where no model was made.
     """
 
     name: str
@@ -359,8 +359,9 @@ class Passage(Struct, frozen=True, kw_only=True):
     """A property that fails on the way, or (UNKNOWN) may fail, under these profiles.
 
     It does as soon as the enclaves of `updated` carry the files of NEW, while those of `waiting` carry those of OLD.
-    `lasting`: and once all carry those of NEW, for as long as what was signed before is valid: at most until then (as
-    grants have it, if they are why), of which the example is. `reason`: why it is unknown, where there is more to say.
+    `lasting`: it also does once all carry those of NEW, for as long as what was signed before is valid. `until`: the
+    instant to which that may last (as grants have it, if they are why), and of which the example is. `reason`: why it
+    is unknown, where there is more to say.
     """
 
     prop: Property

@@ -117,8 +117,8 @@ GRANTS_ARE_ENFORCED = Property(
 NOBODY_WRITES_WITHOUT_A_GRANT = Property(
     id="nobody-writes-without-a-grant",
     statement=(
-        "No enclave can publish a topic, so that peers accept it, for which the permissions CA gave it neither a "
-        "publish nor a subscribe grant, or that it reads only because read access control is off."
+        "No enclave can publish a topic, so that peers accept it, without a publish grant from the permissions CA. "
+        "Forging by an enclave with a subscribe grant is readers-cannot-forge."
     ),
     attacker="insider without a grant",
     clause="DDS-Security 1.1, 8.4.2.9 (check_remote_datawriter) and 9.5.3.3",

@@ -1,8 +1,8 @@
 """KA6: rules of a grant that decide nothing, change nothing, or whose order decides (`model.anomalies.find`).
 
-One finding for each document and severity. What implementations order or read differently is not said again: where a
-rule is odd under some of them alone, and a finding of KA601 to KA616 is about its line, that one stands, unless a
-denial is void to the specification.
+One finding for each document and severity. KA601 to KA616 report what implementations order or read differently. Where
+a rule is odd under only some of them, their finding about its line stands alone, unless it voids a denial to the
+specification.
 """
 
 from __future__ import annotations
@@ -99,14 +99,14 @@ def _decided(anomaly: Anomaly, *, allowed: bool) -> str:
     "KA617",
     Severity.MEDIUM,
     _IN_ORDER,
-    in_permissions("Put the rule before the one that decides in its place, or take it out"),
+    in_permissions("Move the rule before the one that decides in its place, or remove it"),
     applies=speaks,
 )
 def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """Earlier rules match all that a rule is about, and decide the opposite of it somewhere: it is not in force.
+    """A rule never decides: earlier rules match all of it, and decide the opposite for some of it.
 
     High for a deny rule: what it denies is allowed. Decided over all names, domains and partitions in which anything is
-    allowed; with what order the rules were meant, nobody can know. `ros2 security` writes deny rules first.
+    allowed. The intended order cannot be known; `ros2 security` writes deny rules first.
     """
     yield from all_odd(
         use,
@@ -124,14 +124,14 @@ def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violatio
     "KA618",
     Severity.MEDIUM,
     _IN_ORDER,
-    in_permissions("Put the rule before the one that decides in its place, or take the expression out"),
+    in_permissions("Move the rule before the one that decides in its place, or remove the expression"),
     applies=speaks,
 )
 def expression_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """An expression of a rule names only what earlier rules match, and one of them decides the opposite.
 
-    High in a deny rule: what it names is allowed. Other expressions of the rule do decide; where none does, that is
-    rule-unreachable. Expressions that repeat what others of the same rule or of like rules say are no finding.
+    High in a deny rule: what it names is allowed. If no expression of the rule decides, see rule-unreachable.
+    Expressions that repeat the same rule or a like one are no finding.
     """
     yield from all_odd(
         use,
@@ -153,15 +153,15 @@ def _a_rule(anomaly: Anomaly) -> str:
     "KA619",
     Severity.LOW,
     _IN_ORDER,
-    in_permissions("Take the rule out, so that whoever changes the other one knows what it does"),
+    in_permissions("Remove the rule, so that one rule alone decides"),
     applies=speaks,
 )
 def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """Nothing changes without the rule: other rules decide the same about all that it decides.
+    """A rule changes nothing: other rules decide the same about everything that it decides.
 
-    Whoever takes a right out of one of them believes it gone. Judged one after the other from the last on: all that are
-    named can go, and rules that never decide, each alone or together. The rule that `ros2 security` adds for
-    ros_discovery_info is no finding.
+    Whoever removes a right from one of them may believe it gone. All rules named here can be removed, alone or
+    together, and so can rules that never decide. The rule that `ros2 security` adds for ros_discovery_info is no
+    finding.
     """
     yield from all_odd(
         use,
@@ -179,21 +179,22 @@ def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]
     "KA620",
     Severity.MEDIUM,
     _IN_ORDER,
-    in_permissions("Name in each rule what the other one does not, so that their order does not matter"),
+    in_permissions("Let each rule name only what the other does not, so that their order does not matter"),
     applies=speaks,
 )
 def rules_correlated(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """An allow and a deny expression share names, neither holds all of the other's, and the order of the rules decides.
 
-    Neither is the exception of the other, so that a reader cannot tell what was meant for the names in between. Domains
-    and partitions count: a topic that is allowed in two domains and denied in two others shares one of them.
+    Neither is an exception to the other, so a reader cannot tell what was meant for the shared names. Domains and
+    partitions count: rules that share one domain overlap only there.
     """
     yield from all_odd(
         use,
         context,
         AnomalyKind.CORRELATED,
         lambda first, more: (
-            f"{_opposed(first)}{more} share names, and the earlier decides: {_decided(first, allowed=first.allow)}."
+            f"{_opposed(first)}{more} share names, and the earlier rule decides: "
+            f"{_decided(first, allowed=first.allow)}."
         ),
         "the rule that comes too late",
     )
@@ -208,13 +209,13 @@ def _opposed(anomaly: Anomaly) -> str:
     "KA621",
     Severity.INFO,
     _IN_ORDER,
-    decision("Nothing is wrong where the exception is meant; keep the order of the rules."),
+    decision("Keep the order of the rules if the exception is meant."),
     applies=speaks,
 )
 def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """A rule is an exception to a later, more general one: the usual way to write exceptions.
 
-    Said since it hangs on the order: the other way round, the exception would be void.
+    It depends on the order: in the other order, the exception would be void.
     """
     yield from all_odd(
         use,
@@ -232,16 +233,16 @@ def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violatio
     "KA622",
     Severity.LOW,
     "DDS-Security 1.1, 9.4.1.3 (default: what no rule matches)",
-    in_permissions("Take the rule out: what no rule allows is denied"),
+    in_permissions("Remove the rule: what no rule allows is denied"),
     applies=speaks,
 )
 def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """Nothing changes without the rule, since no other one is about what it decides, and the default decides the same.
+    """A rule changes nothing: no other rule is about what it decides, and the default decides the same.
 
-    Denying what nothing allows is harmless, but on Cyclone DDS 0.10, where it may take the whole topic away: that is
-    deny-rule-blocks-topic, and only that. On Fast DDS it may keep its holder from endpoints that a later rule allows in
-    another domain. An allow rule beside <default>ALLOW is default-allow, a grant that
-    allows nothing grant-without-allow-rule; rules for domains that no governance covers are rule-in-no-governed-domain.
+    Usually harmless. On Cyclone DDS 0.10 such a deny rule may take the whole topic away: see deny-rule-blocks-topic. On
+    Fast DDS it may keep the enclave from endpoints that a later rule allows in another domain. For an allow rule beside
+    <default>ALLOW, see default-allow; for a grant that allows nothing, grant-without-allow-rule. For rules in
+    ungoverned domains, see rule-in-no-governed-domain.
     """
     every = odd(use, context, AnomalyKind.SAME_AS_DEFAULT)
     if not every:

@@ -24,14 +24,14 @@ _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions 
     "KA623",
     Severity.MEDIUM,
     "DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
-    in_permissions("Let the rule name the domains of the governance, or take it out"),
+    in_permissions("Let the rule name governed domains, or remove it"),
     applies=speaks,
 )
 def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """No governance of the keystore covers a domain of the rule, while other rules of the grant are for such domains.
+    """A rule is for a domain that no governance covers, while other rules of its grant are for governed domains.
 
-    Of a grant none of whose allow rules is for a governed domain, grant-outside-governance-domains speaks; where Fast
-    DDS applies the rule to a governed domain all the same and that changes something, rule-of-another-domain does.
+    If no allow rule is for a governed domain, see grant-outside-governance-domains. If Fast DDS still applies the rule
+    in a governed domain and that changes something, see rule-of-another-domain.
     """
     spoken = spoken_of(use, context, Cause.RULE_DOMAINS)
     yield from folded(
@@ -48,22 +48,22 @@ def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterato
     "KA624",
     Severity.MEDIUM,
     f"{_EXPRESSIONS}; POSIX 1003.1, 2.13.1 (bracket expressions)",
-    in_permissions("Write the expression as it was meant, or name each topic"),
+    in_permissions("Correct the expression, or name each topic"),
     applies=speaks,
 )
 def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """An expression matches no name, or is malformed and matches none of ROS 2, under all chosen implementations.
+    """An expression matches no name, or is malformed and matches no ROS 2 name, under all chosen implementations.
 
-    High in a deny rule, which denies nothing then. Found by its meaning; how implementations come to it is said by
-    expression-malformed, and of expressions that some of them do take for names, that rule alone speaks.
+    High in a deny rule, which then denies nothing. Decided by meaning, not by text. How each implementation reads a
+    malformed expression, and expressions that some take for names: see expression-malformed.
     """
     yield from all_odd(
         use,
         context,
         AnomalyKind.MATCHES_NOTHING,
         lambda first, more: (
-            f"The expression {quoted(first.texts[0])}{more} matches no topic of ROS 2, as every "
-            f"implementation reads it: nothing is {'allowed' if first.allow else 'denied'} by it."
+            f"The expression {quoted(first.texts[0])}{more} matches no ROS 2 topic under any "
+            f"chosen implementation: nothing is {'allowed' if first.allow else 'denied'} by it."
         ),
     )
 
@@ -72,15 +72,15 @@ def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterato
     "KA625",
     Severity.MEDIUM,
     "ROS 2 design, topic and service names to DDS (rt/, rq/…Request, rr/…Reply)",
-    in_permissions("Write the name as DDS has it, rt/chatter for /chatter"),
+    in_permissions("Write the DDS name, for example rt/chatter for /chatter"),
     applies=speaks,
 )
 def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """No endpoint of ROS 2 is meant: a prefix is missing, a / too many is there, or it is for partitions alone.
+    """An expression matches no ROS 2 endpoint: a prefix is missing, a / is too many, or it is for partitions alone.
 
-    High where a deny rule has it and the topic that was most likely meant is allowed. A grant without any expression of
-    ROS 2, ros_discovery_info among them, is one of a plain DDS application, and no finding; where one enclave speaks
-    both, the tool cannot know which names are meant for DDS.
+    High in a deny rule if the topic that was most likely meant is allowed. A grant without any ROS 2 expression
+    (ros_discovery_info is one) is for a plain DDS application, and no finding. If one enclave uses both, the tool
+    cannot know which names are meant for DDS.
     """
     yield from all_odd(
         use,
@@ -94,7 +94,7 @@ def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Ite
 def _not_ros(first: Anomaly, more: str) -> str:
     rest = f", which {quoted(first.subject)} may use" if first.serious else ""
     return (
-        f"The expression {quoted(first.texts[0])}{more} matches no name of ROS 2, so that it "
+        f"The expression {quoted(first.texts[0])}{more} matches no ROS 2 name, so it "
         f"{'allows' if first.allow else 'denies'} nothing to a ROS 2 node; perhaps {quoted(first.other_text)} was "
         f"meant{rest}."
     )
@@ -104,16 +104,15 @@ def _not_ros(first: Anomaly, more: str) -> str:
     "KA626",
     Severity.LOW,
     "DDS-Security 1.1, 9.4.1.3 (least privilege: a right that nothing can use)",
-    in_permissions("Take the right out, or give the enclave at the other end its own"),
+    in_permissions("Remove the right, or give the enclave at the other end its right"),
     applies=speaks,
 )
 def grant_without_counterpart(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """A topic that the grant names may be written, and no grant of the keystore lets anybody read it; or the reverse.
+    """A grant lets its enclave write a topic that no grant lets anybody read, or the reverse.
 
-    Most often a misspelt name or a right left over. Looked at are names without wildcards; partitions are not. Left out
-    are topics that every node has (/rosout, /parameter_events, /clock), services and actions, which tools call too, and
-    topics that a governance does not control. A keystore of one enclave has its peers elsewhere; of several, too, some
-    may be elsewhere.
+    Usually a misspelt name or a leftover right. Only names without wildcards are compared, and no partitions. Left out:
+    topics of every node (/rosout, /parameter_events, /clock), services and actions, which tools call too, and topics
+    without access control. A keystore of one enclave has its peers elsewhere, and so may others.
     """
     found = odd(use, context, AnomalyKind.NO_COUNTERPART)
     yield from folded(use, found, lambda _first, _more: _without_counterpart(found))
@@ -141,15 +140,14 @@ def _topics(names: Sequence[str]) -> str:
     "KA627",
     Severity.INFO,
     "docs/model.md, anomalies of rules",
-    outside("Write fewer expressions with several wildcards and fewer rules; look at each of the rules until then."),
+    outside("Use fewer rules, and fewer expressions with several wildcards. Until then, review each rule."),
     applies=taken,
 )
 def rules_not_compared(use: DocumentUse, context: Context) -> Iterator[Violation]:
-    """There is too much in the document to find all rules that never decide, overlap or change nothing.
+    """The document has too much in it to find all rules that never decide, overlap or change nothing.
 
-    What the rules allow is decided exactly all the same; whether that is what their author meant is not looked at to
-    the end. The audit is incomplete for it where a finding of high severity could be missing: where the document
-    denies anything, or is a governance.
+    What the rules allow is still decided exactly. Whether their author meant that was not fully checked. The audit is
+    incomplete if a high finding could be missing: if the document denies anything, or is a governance.
     """
     for anomaly in odd(use, context, AnomalyKind.NOT_WORKED_OUT):
         undecided = anomaly.serious and _denies(use)
@@ -172,14 +170,14 @@ def _denies(use: DocumentUse) -> bool:
     "KA422",
     Severity.LOW,
     "DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches)",
-    in_governance("Put the rule before the one that applies in its place, or take it out"),
+    in_governance("Move the rule before the one that applies in its place, or remove it"),
     applies=speaks,
 )
 def topic_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violation]:
-    """Earlier rules match every topic that a topic_rule names: it protects nothing.
+    """A topic_rule protects nothing: earlier rules match every topic that it names.
 
-    High where it asks for a protection that the rule before it does not give: that protection is not there. On OpenDDS
-    it can still switch access control off (KA615).
+    High if it asks for a protection that the earlier rule does not give: that protection is missing. On OpenDDS it can
+    still switch access control off (KA615).
     """
     yield from all_odd(
         use,
@@ -191,8 +189,8 @@ def topic_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violat
 
 
 def _topics_shadowed(first: Anomaly, more: str) -> str:
-    topic = f", as to {ros_name(first.point.topic)}" if first.point is not None else ""
-    weaker = ", which protects less" if first.serious else ""
+    topic = f" (for example for {ros_name(first.point.topic)})" if first.point is not None else ""
+    weaker = " and protects less" if first.serious else ""
     return (
         f"The rule for topics {quoted(first.texts[0])}{more} protects nothing: the one for "
         f"{quoted(first.other_text)} comes first{topic}{weaker}."
@@ -203,14 +201,14 @@ def _topics_shadowed(first: Anomaly, more: str) -> str:
     "KA423",
     Severity.LOW,
     "DDS-Security 1.1, 9.4.1.2.4 (the first domain_rule that covers the domain)",
-    in_governance("Let each domain be covered by one rule"),
+    in_governance("Cover each domain by one rule"),
     applies=speaks,
 )
 def domain_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violation]:
-    """Earlier rules cover every domain of a domain_rule: it protects nothing.
+    """A domain_rule protects nothing: earlier rules cover all its domains.
 
-    High where it, or one of its topic rules, asks for a protection that the rule before it does not give. On OpenDDS
-    it can still switch access control off, that of joining too (KA615).
+    High if it, or one of its topic rules, asks for a protection that the earlier rule does not give. On OpenDDS it can
+    still switch access control off, also for joining (KA615).
     """
     yield from all_odd(
         use,
@@ -218,7 +216,7 @@ def domain_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Viola
         AnomalyKind.DOMAIN_RULE_SHADOWED,
         lambda first, more: (
             f"The rule for domain {first.other_text}{more} protects nothing: an earlier one covers it"
-            f"{', which protects less' if first.serious else ''}."
+            f"{' and protects less' if first.serious else ''}."
         ),
         "the rule that applies instead",
     )

@@ -31,8 +31,8 @@ _CLAUSE: Final = "keystore-audit, docs/reference.md: an audit that could not dec
 
 
 _SAY_THE_ZONE: Final = decision(
-    "Say in which zone the robots are, `--time-zone Europe/Berlin`. Or move <not_before> a day back (<not_after> a day "
-    "on) in permissions.xml.",
+    "Give the robots' time zone, for example `--time-zone Europe/Berlin`. Or move <not_before> a day back, or "
+    "<not_after> a day on.",
     Act.EDIT_PERMISSIONS,
 )
 
@@ -41,13 +41,12 @@ _SAY_THE_ZONE: Final = decision(
     "KA901",
     Severity.HIGH,
     _CLAUSE,
-    outside("Put the file into the form that the message asks for, and run the audit again."),
+    outside("Bring the file into the form that the message asks for, and run the audit again."),
 )
 def undecided(doubt: Doubt) -> Iterator[Violation]:
-    """Something could not be read that a robot might act on, and no other rule says so at that place.
+    """Something that a robot might act on could not be read, and no other rule reports it at that place.
 
-    It counts as able to do and to grant anything, so that what it could affect is unknown. Where another finding leaves
-    the same place open, that one is enough.
+    It counts as able to do and grant anything, so everything that it could affect is unknown.
     """
     yield Violation(
         f"{sentence(doubt.reason)}: it may {'be refused' if doubt.narrows else 'do or grant anything'}.",
@@ -64,10 +63,10 @@ def undecided(doubt: Doubt) -> Iterator[Violation]:
     "KA902",
     Severity.INFO,
     _CLAUSE,
-    outside("Install keystore-audit with its extra [alloy] and run `keystore-audit engine install`."),
+    outside("Install keystore-audit with its extra [alloy], and run `keystore-audit engine install`."),
 )
 def engine_missing(run: EngineRun) -> Iterator[Violation]:
-    """An engine could not be had, and nobody asked for it by name: the other decided alone, and nothing checked it."""
+    """An engine is missing, and nobody asked for it by name: the other decided alone, and nothing checked it."""
     if run.status is EngineStatus.MISSING and not run.required:
         yield Violation(
             f"The engine {run.name} is not there ({sentence(run.reason)}): the properties were decided without it.",
@@ -88,14 +87,12 @@ _NO_ANSWER: Final = {
     "KA903",
     Severity.HIGH,
     _CLAUSE,
-    outside(
-        "Look at it with `keystore-audit engine`, give it more time with --timeout, or decide with --engine native."
-    ),
+    outside("Check it with `keystore-audit engine`, raise --timeout, or decide with --engine native."),
 )
 def engine_failed(run: EngineRun, context: Context) -> Iterator[Violation]:
-    """An engine that was asked for by name, or that was started, gave no answer. No answer never reads as "holds".
+    """An engine that was asked for by name, or was started, gave no answer. No answer never counts as "holds".
 
-    That nothing was run where there was nothing to run, for topic-classes-over-budget, is said there.
+    If there was nothing to decide, see topic-classes-over-budget.
     """
     failed = run.status in (EngineStatus.FAILED, EngineStatus.TIMEOUT)
     absent = run.status in (EngineStatus.MISSING, EngineStatus.NOT_RUN) and run.required
@@ -117,7 +114,7 @@ def _disagree(answer: ProfileResult) -> bool:
     "KA904",
     Severity.CRITICAL,
     _CLAUSE,
-    outside("Report this as a fault of keystore-audit, with what `keystore-audit model KEYSTORE -o DIR` writes."),
+    outside("Report this as a fault of keystore-audit, with the output of `keystore-audit model KEYSTORE -o DIR`."),
     applies=lambda result, _context: any(len(answer.engines) > 1 for answer in result.profiles.values()),
 )
 def engines_disagree(result: PropertyResult) -> Iterator[Violation]:
@@ -143,15 +140,15 @@ def engines_disagree(result: PropertyResult) -> Iterator[Violation]:
     "KA905",
     Severity.HIGH,
     _CLAUSE,
-    outside("Report this as a fault of keystore-audit, with the command and, where it may be shared, the keystore."),
+    outside("Report this as a fault of keystore-audit, with the command and, if you may share it, the keystore."),
 )
 def rule_crashed(crash: Crash) -> Iterator[Violation]:
-    """A rule ended in an error, so that what it asks is undecided.
+    """A rule ended in an error, so its question is undecided.
 
-    Only the type of the error is told: its words may quote what was read, a key among it.
+    Only the type of the error is reported: its text may quote what was read, even a key.
     """
     yield Violation(
-        f"Rule {crash.rule} ended in an error ({crash.exception}) on {crash.subject}: what it asks is undecided.",
+        f"Rule {crash.rule} ended in an error ({crash.exception}) on {crash.subject}: its question is undecided.",
         (),
         undecided=True,
         key=f"{crash.rule} {crash.subject}",
@@ -165,13 +162,13 @@ def rule_crashed(crash: Crash) -> Iterator[Violation]:
     outside("Fix what the other findings call unread or unknown, and run the audit again."),
 )
 def property_undecided(result: PropertyResult, context: Context) -> Iterator[Violation]:
-    """Whether a property holds depends on what could not be read, or is not assumed, or no engine gave an answer.
+    """A property depends on what could not be read or is not assumed, or no engine gave an answer.
 
-    In a mixed fleet it may also depend on whether implementations of two kinds complete a handshake with each other.
+    In a mixed fleet it may also depend on whether two implementations complete a handshake with each other.
 
-    "Holds" and "violated" are said only where both hold, whatever the unread parts are. A disagreement of the
-    engines is engines-disagree, and only that. Properties that are undecided for one reason are one finding; each that
-    you assert yourself has its own.
+    "Holds" and "violated" are reported only if they are true whatever the unread parts say. For a disagreement of the
+    engines, see engines-disagree. Properties that are undecided for one reason are one finding; each property that you
+    assert has its own.
     """
     profiles = _undecided(result)
     if profiles is None:
@@ -216,7 +213,7 @@ def _undecided(result: PropertyResult) -> tuple[str, ...] | None:
     return found if found or not result.profiles else None
 
 
-_BETWEEN: Final = "whether implementations that read the keystore differently talk to each other is not known"
+_BETWEEN: Final = "it is not known whether implementations that read the keystore differently talk to each other"
 
 
 def _why(result: PropertyResult, context: Context) -> str:
@@ -227,25 +224,24 @@ def _why(result: PropertyResult, context: Context) -> str:
         if doubts:
             return f"it depends on what is in {listed(dict.fromkeys(doubt.location.path for doubt in doubts))}"
         if lacking := {each.value for system in systems for each in WORLD - system.assumed}:
-            return f"it depends on what is not assumed, {listed(sorted(lacking))}"
+            return f"it depends on assumptions that were not made, {listed(sorted(lacking))}"
         if any(system.mixed for system in systems):
             return _BETWEEN
     return "no engine gave an answer"
 
 
 _WITH_ALLOY: Final = outside(
-    "Run the audit with the Alloy Analyzer, `--engine both`; `keystore-audit engine` says whether it is there."
+    "Run the audit with `--engine both`; `keystore-audit engine` says whether the Alloy Analyzer is there."
 )
 
 _WITH_FORWARDS: Final = decision(
-    "Declare with [[forward]] what nodes make of what they read, or ask about fewer topics (docs/settings.md, What "
-    "nodes forward), and run the audit again."
+    "Declare what nodes forward with [[forward]] (docs/settings.md), or ask about fewer topics."
 )
 
 
 _ONE_IMPLEMENTATION: Final = decision(
-    "Let the enclaves of the way run one implementation ([enclaves] of the settings); or try the pair, and accept this "
-    "with a [[suppression]] that says so."
+    "Let the enclaves on the path run one implementation ([enclaves] in the settings). Or test the pair, and accept "
+    "this finding with a [[suppression]] that says so."
 )
 
 
@@ -267,12 +263,12 @@ def _asserted(result: PropertyResult) -> tuple[Location, ...]:
     "KA907",
     Severity.INFO,
     _CLAUSE,
-    outside("Nothing is wrong with the keystore; run with --engine native, or audit parts of it."),
+    outside("Run with --engine native, or audit parts of the keystore, which is not at fault."),
 )
 def engine_out_of_scale(run: EngineRun) -> Iterator[Violation]:
-    """The model is larger than an engine is known to decide, so that it was not started: the other decided alone.
+    """The model is larger than an engine is known to decide, so it was not started: the other decided alone.
 
-    Where it was asked for by name, that leaves the audit open.
+    If the engine was asked for by name, the audit is incomplete.
     """
     if run.status is EngineStatus.OUT_OF_SCALE:
         yield Violation(
@@ -287,10 +283,10 @@ def engine_out_of_scale(run: EngineRun) -> Iterator[Violation]:
     "KA908",
     Severity.HIGH,
     _CLAUSE,
-    decision("Use fewer expressions with text between two *: each can double the number of classes of names."),
+    decision("Use fewer expressions with text between two *; each can double the number of classes of names."),
 )
 def topic_classes_over_budget(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """The expressions tell apart more classes of names than can be worked out, so that no right was decided at all."""
+    """The expressions distinguish more classes of names than can be worked out, so no right was decided."""
     if context.meaning.over_budget is not None:
         yield Violation(f"No right could be decided: {sentence(context.meaning.over_budget)}.", (), undecided=True)
 
@@ -303,12 +299,12 @@ _ACCEPTING: Final = "keystore-audit, docs/settings.md: what is accepted has a re
     Severity.MEDIUM,
     _ACCEPTING,
     decision(
-        "Fix what was accepted, or accept it again with a reason that still holds and a new date; "
-        "`keystore-audit baseline prune` takes what has ended out of a baseline."
+        "Fix what was accepted, or accept it again with a reason that still holds and a new date. "
+        "`keystore-audit baseline prune` removes ended entries from a baseline."
     ),
 )
 def suppression_expired(file: FileOfUses) -> Iterator[Violation]:
-    """Somebody accepted a finding until a day that is over, so that it counts again.
+    """The date until which somebody accepted a finding has passed, so the finding counts again.
 
     The day ends at 23:59:59 UTC. One finding for each file, with the lines.
     """
@@ -325,13 +321,15 @@ def suppression_expired(file: FileOfUses) -> Iterator[Violation]:
     "KA910",
     Severity.LOW,
     _ACCEPTING,
-    decision("Take it out, so that it hides nothing later; `keystore-audit baseline prune` does so for a baseline."),
+    decision(
+        "Remove the entry, so that it hides nothing later; in a baseline, `keystore-audit baseline prune` does so."
+    ),
 )
 def suppression_unused(file: FileOfUses) -> Iterator[Violation]:
-    """Somebody accepted a finding that this audit does not make, or that has become another or a worse one.
+    """An entry accepts a finding that this audit does not make, or that has changed or become worse.
 
-    It was mended, moved or renamed; or it shows under other options than this audit's. What is accepted of rules that
-    were left out (--select, --ignore) is not looked at. One finding for each file, with the lines.
+    The finding was fixed, moved or renamed, or appears only under other options. Entries for rules that were left out
+    (--select, --ignore) are not checked. One finding for each file, with the lines.
     """
     unused = [use for use in file.uses if use.fate is Fate.UNUSED]
     if unused:

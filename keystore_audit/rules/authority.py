@@ -28,9 +28,9 @@ from keystore_audit.rules.subjects import UNPINNED, CertificateUse
     stops=True,
 )
 def authority_not_a_ca(use: CertificateUse) -> Iterator[Violation]:
-    """The identity CA's certificate may not issue certificates: OpenSSL refuses every identity under it.
+    """The identity CA's certificate may not issue certificates, so OpenSSL refuses every identity under it.
 
-    Nobody demands CA:TRUE of a permissions CA (measured).
+    A permissions CA needs no CA:TRUE (measured).
     """
     for certificate in use.in_use:
         if not is_authority(certificate):
@@ -61,12 +61,12 @@ def _trusting(groups: Iterable[tuple[str, Iterable[str], Iterable[Enclave]]]) ->
     ),
 )
 def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """One key is identity CA and permissions CA, as sros2 makes it.
+    """One key is both identity CA and permissions CA, as sros2 makes it.
 
-    Where the signer is not pinned, every identity that this authority issued can sign permissions for itself, and peers
-    take them (measured with real processes). High if a chosen profile is such an implementation, else a note: one
-    old robot is enough. Identities whose keyUsage or extendedKeyUsage forbids S/MIME are not exempted,
-    since the authority can issue others.
+    If the signer is not pinned, every identity under this CA can sign permissions for itself, and peers accept them
+    (measured with real processes). High if a chosen profile is such an implementation, since one old robot is enough;
+    else a note. Identities whose keyUsage or extendedKeyUsage forbids S/MIME are not exempted, since the CA can issue
+    others.
     """
     shared: dict[tuple[str, ...], tuple[CertificateFile, CertificateFile, list[Enclave]]] = {}
     for enclave in keystore.enclaves:
@@ -78,7 +78,7 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
     for keys, (identity, permissions, enclaves) in shared.items():
         every = [c for file in (identity, permissions) for c in file.certificates]
         of_both = [c for c in every if c.key in keys]
-        alone = decision("Leave in each CA file the authority of its role alone.")
+        alone = decision("Leave only the authority of its role in each CA file.")
         yield Violation(
             f"{quoted(of_both[0].subject)} issues the identities and signs the permissions of "
             f"{paths(enclaves)}: where the signer is not pinned, an enclave can sign itself any right.",
@@ -99,21 +99,21 @@ _NAMES: Final = {Role.IDENTITY_CA: "identity CA", Role.PERMISSIONS_CA: "permissi
     Severity.HIGH,
     "DDS-Security 1.1, 9.3.1 and 9.4.1.1 (participants of a domain share their authorities); measured",
     decision(
-        "If nobody meant to trust it, take it out: give every enclave the same CA files, links to public/ as "
-        "sros2 makes them, and issue and sign again what others issued and signed. If it is meant, declare "
-        "it in the settings: [authorities], with the fingerprints that -v prints."
+        "Remove the authority if nobody meant to trust it: give every enclave the same CA files, as links to "
+        "public/. Issue and sign again what others issued and signed. If it is meant, declare it under [authorities] "
+        "in the settings, with the fingerprints that -v prints."
     ),
 )
 def unexpected_authority(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A CA file holds an authority that is not the expected one, or lacks that one.
+    """A CA file holds an authority that is not the expected one, or lacks the expected one.
 
-    Whoever has the key of such an authority issues identities and signs permissions for whom he likes: with one
-    appended to both CA files a stranger's participant drives the others (measured on Fast DDS). An enclave with another
-    one refuses its peers, or trusts somebody else. Expected are the authorities that settings or options declare, by
-    the fingerprint of certificate or key; where none are declared, the first certificate of the file in public/, and
-    without public/ whatever all enclaves have alike. Another certificate of the same key is no other authority, save
-    where the certificate itself was declared. Medium where all are declared and enclaves have different ones, so that
-    they refuse each other. Separate keystores are better kept in separate directories.
+    Whoever has the key of such an authority issues identities and signs permissions for anybody. With one appended to
+    both CA files, a stranger's participant drives the others (measured on Fast DDS). An enclave with another authority
+    refuses its peers, or trusts somebody else. Expected are the authorities that settings or options declare, by
+    fingerprint of certificate or key. If none is declared, the first certificate of the file in public/ is expected;
+    without public/, whatever all enclaves share. Another certificate of the same key is the same authority, unless the
+    certificate itself was declared. Medium if all are declared and enclaves have different ones, so that they refuse
+    each other. Keep separate keystores in separate directories.
     """
     for anchors in trusted(keystore, context.authorities):
         public, read = authority_files(keystore, anchors.role)

@@ -19,14 +19,14 @@ from keystore_audit.rules.subjects import PermissionsUse, speaks
     "KA509",
     Severity.HIGH,
     "DDS-Security 1.1, 9.4.1.3 (default); measured",
-    in_permissions("Write <default>DENY</default> and allow what is needed"),
+    in_permissions("Write <default>DENY</default>, and allow what is needed"),
     applies=speaks,
 )
 def default_allow(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """What no rule of the grant names is allowed, in every domain.
+    """The grant allows everything that none of its rules names, in every domain.
 
-    Cyclone DDS and OpenDDS do as it says; Fast DDS reads the element and never uses it, so that there what no rule
-    names is denied (measured).
+    Cyclone DDS and OpenDDS obey <default>. Fast DDS reads the element and never uses it, so it denies such names
+    (measured).
     """
     for grant in use.document.grants:
         if grant.default_allow:
@@ -50,9 +50,8 @@ def default_allow(use: PermissionsUse, context: Context) -> Iterator[Violation]:
 def wildcard_grant(use: PermissionsUse) -> Iterator[Violation]:
     """An allow rule covers names by a pattern, and so names that nobody has thought of.
 
-    `*` crosses `/`. High where one pattern, or several together, cover every ROS 2 topic. Deny rules before it may take
-    some of the names out again; that is not weighed here. A grant that allows everything is
-    allow-everything-permissions, and only that.
+    `*` crosses `/`. High if one pattern, or several together, cover every ROS 2 topic. Earlier deny rules may remove
+    some of the names; that is not weighed here. For a grant that allows everything, see allow-everything-permissions.
     """
     for grant in use.document.grants:
         for operation in Operation:
@@ -91,22 +90,24 @@ def _is_pattern(text: str) -> bool:
     Severity.HIGH,
     "ROS 2 design, SROS2 access control policies; ros2/sros2, policy/defaults (what create_enclave writes)",
     in_permissions(
-        "Say what the enclave needs: `ros2 security generate_policy policy.xml` writes a policy from a running system"
+        "Allow only what the enclave needs; `ros2 security generate_policy policy.xml` writes a policy from a "
+        "running system"
     ),
     applies=speaks,
 )
 def allow_everything_permissions(use: PermissionsUse) -> Iterator[Violation]:
-    """The grant allows every topic and service both ways: what `ros2 security create_enclave` writes by itself.
+    """The grant allows every topic and service in both directions, the default of `ros2 security create_enclave`.
 
-    Whoever takes this enclave has the whole robot. Running create_enclave again puts it back in the place of a policy.
-    Judged by what the allow rules cover together, not by their text; deny rules before them are not weighed. What
-    follows, such as the parameters of every node, is not said again by other rules.
+    Whoever takes over this enclave has the whole robot. Running create_enclave again replaces a policy by this default.
+    Judged by what the allow rules cover together; earlier deny rules are not weighed. Other rules do not repeat what
+    follows, such as access to every node's parameters.
     """
     for grant in use.document.grants:
         if allows_everything(grant):
             message = (
                 f"{quoted(grant.subject_name.text)} may publish and subscribe to everything, the default of "
-                "create_enclave, the parameters and life cycle of every node among it; expected the topics that its "
-                "nodes use."
+                "create_enclave. That includes the parameters and life cycle of every node. Expected are the topics "
+                "that "
+                "its nodes use."
             )
             yield about(use, grant, grant.line, message)

@@ -34,7 +34,7 @@ from keystore_audit.rules.subjects import CertificateUse, is_identity
 from keystore_audit.text import instant
 
 _WRITE_PEM: Final = decision(
-    "Write it in PEM: `openssl x509 -inform DER -in FILE -out new.pem`, and move that over it."
+    "Convert the file to PEM: `openssl x509 -inform DER -in FILE -out new.pem`, then replace it by new.pem."
 )
 
 _ROLES: Final = {
@@ -105,15 +105,15 @@ _UNASKING: Final = doing("checks_permissions_ca", False)
 def certificate_unreadable(use: CertificateUse) -> Iterator[Violation]:
     """A certificate does not parse.
 
-    OpenSSL, which the implementations use, may still take it: whose it is, and whom it vouches for, stays unknown. An
-    identity file whose first certificate can be read is none of these, since run times read no further.
+    OpenSSL, which the implementations use, may still accept it: its owner, and whom it vouches for, are unknown. An
+    identity file whose first certificate can be read is not reported, since run times read no further.
     """
     if use.authority or not use.certificates.certificates:
         found = list(of_kinds(use.certificates.defects, Kind.CERTIFICATE_UNREADABLE))
         in_der = any(defect.detail.endswith(IN_DER) for defect in found)
         yield from defective(
             found,
-            "whose it is stays unknown.",
+            "its owner is unknown.",
             undecided=True,
             remedy=_WRITE_PEM if in_der else remedy(use),
         )
@@ -122,21 +122,21 @@ def certificate_unreadable(use: CertificateUse) -> Iterator[Violation]:
 @rule(
     "KA202",
     Severity.MEDIUM,
-    "DDS-Security 1.1, 9.3.1; measured: of cert.pem every implementation reads the first certificate alone",
+    "DDS-Security 1.1, 9.3.1; measured: every implementation reads only the first certificate of cert.pem",
     decision(
-        "Leave one certificate in the file, in that of an authority the one that issues or signs, and nothing else: "
-        "`openssl x509 -in FILE -out new.pem` writes the first."
+        "Leave one certificate alone in the file; in a CA file, the one that issues or signs. `openssl x509 -in FILE "
+        "-out new.pem` writes the first."
     ),
 )
 def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The file holds more than one certificate.
 
-    Of an identity file only the first certificate is read, a chain in it is not used. Of a CA file Fast DDS takes all
-    certificates and revocation lists, Cyclone DDS the first certificate (measured): one file, two meanings. Fast DDS
-    tells peers the name of the first certificate of the permissions CA file, and refuses those that tell another one
-    (read in its source): while an authority is changed, the order has to be the same everywhere. Claims of `able` count
-    that. sros2's readable dump before a certificate is no such thing. Of authorities that nobody expects there
-    unexpected-authority speaks.
+    Run times read only the first certificate of an identity file, and ignore a chain in it. Of a CA file, Fast DDS
+    takes all certificates and revocation lists, Cyclone DDS the first certificate (measured): one file, two meanings.
+    Fast DDS also tells peers the name of its first permissions CA certificate, and refuses peers that tell another
+    (read in its source). So keep the order the same everywhere while you change an authority; claims of `able` count
+    that. A dump before a certificate, as sros2 writes it, is no finding. For authorities that nobody expects, see
+    unexpected-authority.
     """
     certificates, lists = use.certificates.certificates, use.certificates.revocation_lists
     differ = facts.CERTIFICATES_OF_A_FILE if use.authority else "run times read the first certificate and no further"
@@ -169,15 +169,15 @@ def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterat
 def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The certificate is past its notAfter.
 
-    An expired identity or identity CA is refused everywhere; an expired permissions CA by Cyclone DDS 0.10 and Fast DDS
-    from 2.6.10 and 2.14.5 on, while Cyclone DDS 11 takes it (measured). Some implementations never end sessions that
-    run already, and the robot's clock may say otherwise.
+    Every implementation refuses an expired identity or identity CA. Cyclone DDS 0.10, and Fast DDS from 2.6.10 and
+    2.14.5 on, refuse an expired permissions CA; Cyclone DDS 11 accepts it (measured). Some implementations never end
+    running sessions, and the robot's clock may differ.
     """
     for certificate in use.in_use:
         if certificate.not_after < context.at:
             only_signs = use.roles == {Role.PERMISSIONS_CA}
             refused = (
-                f"{_UNASKING} take its documents all the same, the others refuse them"
+                f"{_UNASKING} still accept its documents, the others refuse them"
                 if only_signs
                 else "peers refuse new sessions"
             )
@@ -196,8 +196,7 @@ def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Viola
 def certificate_not_yet_valid(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The certificate is before its notBefore, and refused like an expired one.
 
-    A robot without a battery behind its clock may start in a past in which no certificate is valid; that cannot be
-    seen here.
+    A robot without a battery behind its clock may start at a date before every certificate; that cannot be seen here.
     """
     for certificate in use.in_use:
         if certificate.not_before > context.at:
@@ -229,7 +228,7 @@ def certificate_expires_soon(use: CertificateUse, context: Context) -> Iterator[
     stops=True,
 )
 def unknown_critical_extension(use: CertificateUse) -> Iterator[Violation]:
-    """The certificate has a critical extension that OpenSSL does not process, so that it is refused (measured)."""
+    """The certificate has a critical extension that OpenSSL does not process, so it is refused (measured)."""
     for certificate in use.in_use:
         if certificate.unknown_critical:
             refused = listed(certificate.unknown_critical)
@@ -263,13 +262,13 @@ def irregular_serial_number(use: CertificateUse) -> Iterator[Violation]:
     stops=True,
 )
 def weak_key(use: CertificateUse) -> Iterator[Violation]:
-    """The key is shorter than RSA 2048 or EC 256: whoever breaks it is this identity or this authority.
+    """The key is shorter than RSA 2048 or EC 256: whoever breaks it can act as this identity or authority.
 
-    How the key was made, and whether it is one of the known bad ones, is not looked at.
+    Not checked: how the key was made, and whether it is one of the known bad ones.
     """
     for certificate in use.in_use:
         if is_weak_kind(certificate.key_kind):
-            anew = authority_anew(use.roles, "The authority needs another key.")
+            anew = authority_anew(use.roles, "Replace the authority's key.")
             says = f"has a weak key: got {certificate.key_kind}, expected RSA 2048 or EC 256."
             yield _of(use, certificate, says, remedy=anew)
 
@@ -283,10 +282,10 @@ def weak_key(use: CertificateUse) -> Iterator[Violation]:
     stops=True,
 )
 def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[Violation]:
-    """The identity's key is strong enough but of a kind that the specification does not name.
+    """The identity's key is strong enough, but of a kind that the specification does not name.
 
-    Cyclone DDS takes RSA with 2,048 bits and any curve of 256 bits and refuses the rest; Fast DDS starts (measured).
-    High where a chosen profile of Cyclone DDS refuses the enclave.
+    Cyclone DDS accepts RSA with 2,048 bits and any curve of 256 bits, and refuses the rest; Fast DDS starts (measured).
+    High if a chosen Cyclone DDS profile refuses the enclave.
     """
     for certificate in use.in_use[:1]:
         kind = certificate.key_kind
@@ -313,7 +312,7 @@ def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[
 def weak_signature_algorithm(use: CertificateUse) -> Iterator[Violation]:
     """The certificate is signed over SHA-1 or MD5, for which two contents with one digest have been made.
 
-    Of an authority's own signature over itself nothing depends, but what makes it signs the rest alike. Fast DDS takes
+    Nothing depends on an authority's signature over itself, but whatever made it signs the rest alike. Fast DDS accepts
     sha1WithRSAEncryption, Cyclone DDS any digest (measured).
     """
     for certificate in use.in_use:

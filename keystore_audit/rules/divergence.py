@@ -1,9 +1,9 @@
 """KA6: what one keystore allows under one implementation and not under another (`model.divergence.find`).
 
-A rule for each cause. What rules about single documents say already of a line is not said again: documents that an
-implementation refuses as a whole (KA417, KA420, KA421), a default that allows (KA509), second grants (KA504), the want
-of a grant in force (KA503, KA505, KA506), grants that allow nothing (KA514) or in other domains alone (KA508), ranges
-with one bound (KA419, KA515) unless they let somebody do more.
+A rule for each cause. What rules about single documents already report of a line is not repeated. These are documents
+that an implementation refuses as a whole (KA417, KA420, KA421), a default that allows (KA509) and second grants
+(KA504). They are also grants that are not in force (KA503, KA505, KA506), allow nothing (KA514) or only in other
+domains (KA508). Ranges with one bound (KA419, KA515) are repeated only where they let somebody do more.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from keystore_audit.rules.remedies import ALLOW_DOMAINS, COVER_DOMAIN, in_govern
 from keystore_audit.rules.restrictions import meet
 from keystore_audit.rules.subjects import DocumentUse
 
-MEASURED: Final = f"measured on {TESTED_ON}, others as docs/profiles.md tells"
+MEASURED: Final = f"measured on {TESTED_ON}; for others see docs/profiles.md"
 
 
 def _of(context: Context, *causes: Cause) -> Iterator[list[Divergence]]:
@@ -175,15 +175,15 @@ def _without_a_domain(context: Context) -> Iterator[str]:
     Severity.MEDIUM,
     f"DDS-Security 1.1, 9.4.1.3 (domains of a rule); {MEASURED}",
     in_permissions(
-        "Let every rule name all domains that the governance covers, or the governance only those of the rules"
+        "Let every rule name all governed domains, or let the governance cover only the domains of the rules"
     ),
 )
 def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A rule is for some of the governed domains, and Fast DDS applies it in all of them to its own endpoints.
 
-    Allow rules give too much there, and deny rules take too much away. Peers look at the domain, so that what is
-    allowed in excess is matched by none of them that is honest, but by any that attacks: its samples are read, and what
-    it writes is taken. What is denied in excess does not work.
+    There, an allow rule gives too much and a deny rule takes too much away. Peers check the domain, so no honest peer
+    matches an endpoint that is allowed in excess. A peer that attacks does: it reads the samples, and what it writes is
+    accepted. What is denied in excess does not work.
     """
     wide = [divergence for found in _unspoken(context, Cause.RULE_DOMAINS) for divergence in found]
     if wide:  # all in one: it is most often the governance that is wider than every grant
@@ -200,14 +200,15 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
 def join_checked_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Whether the enclave may join a domain depends on the implementation.
 
-    Fast DDS wants an allow rule of whatever domain; Cyclone DDS asks nothing where a topic of the domain has read or
-    write access control off (measured); OpenDDS starts only there, or without join access control (read in its source).
+    Fast DDS needs an allow rule, for any domain. Cyclone DDS needs nothing if a topic of the domain has read or write
+    access control off (measured). OpenDDS starts only in that case, or without join access control (read in its
+    source).
     """
     to_the_letter: list[Divergence] = []
     for found in _unspoken(context, Cause.JOIN):
         to_the_letter += [divergence for divergence in found if divergence.deviating <= _TO_THE_LETTER]
         if rest := [divergence for divergence in found if not divergence.deviating <= _TO_THE_LETTER]:
-            yield _violation(rest, "The grant lets the enclave join a domain under some implementations alone")
+            yield _violation(rest, "The grant lets the enclave join a domain under only some implementations")
     if to_the_letter:
         yield _table_63(to_the_letter, context)
 
@@ -216,7 +217,7 @@ _TO_THE_LETTER: Final = {name for name, each in VARIANTS.items() if each.local.j
 
 
 def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
-    """What OpenDDS refuses, and no grant can mend: it is the governance, most often that of `ros2 security`."""
+    """What OpenDDS refuses, and no grant can fix: it is the governance, most often that of `ros2 security`."""
     concerned = {path for divergence in found for path in divergence.enclaves}
     files = (e.governance for e in context.keystore.enclaves if e.path in concerned and e.governance is not None)
     said = _violation(found, _explained(found))
@@ -224,8 +225,8 @@ def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
         said,
         locations=(*(Location(file.signed.file.place) for file in files), *said.locations),
         remedy=decision(
-            f"Use another implementation: what {doing('joins', JoinCheck.TABLE_63)} asks for, join access control off "
-            "or a topic without access control, weakens all of them."
+            f"Use another implementation. {doing('joins', JoinCheck.TABLE_63)} asks for join access control off or a "
+            "topic without access control, and that weakens all implementations."
         ),
     )
 
@@ -240,7 +241,7 @@ def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
 def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The governance does not cover the domain: Fast DDS starts, protects nothing and has no topic; others refuse.
 
-    Asked for the domain of --domain, else for a governance that covers no domain at all.
+    Checked for the domain of --domain; without it, for a governance that covers no domain at all.
     """
     yield from said(context, Cause.UNGOVERNED, "The governance does not cover the domain")
 
@@ -250,18 +251,18 @@ def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterat
     Severity.MEDIUM,
     f"DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime in UTC); measured on {TESTED_ON} with their clocks set",
     in_permissions(
-        "Write dates as 2026-01-31T00:00:00, without zone, fraction and 24:00, until 2262, and a day before "
-        "and after what is needed"
+        "Write dates as 2026-01-31T00:00:00, without zone, fraction and 24:00, until 2262, with a day to spare "
+        "at both ends"
     ),
     stops=True,
 )
 def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A grant is in force now under one implementation and not under another.
 
-    Fast DDS reads dates in standard time of the robot's zone whatever they say, and refuses a document with 24:00.
-    Cyclone DDS takes what it cannot read, zones beyond 12 hours and years beyond 2262 among it, for long past: a grant
-    that is to begin then has begun, one that is to end then has expired. Without --time-zone what hangs on the zone is
-    unknown, and no finding of this rule.
+    Fast DDS reads every date in the standard time of the robot's zone, and refuses a document with 24:00. Cyclone DDS
+    takes a date that it cannot read for long past, zones beyond 12 hours and years beyond 2262 included. A grant that
+    should begin then has begun; one that should end then has expired. Without --time-zone, whatever depends on the zone
+    is unknown, and not reported here.
     """
     yield from said(context, Cause.DATE, "A date of a grant is read differently")
 
@@ -275,8 +276,8 @@ def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vio
 def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A range of domains with one bound holds less under an implementation, and somebody may do more by it.
 
-    A deny rule of it does not hold in all domains then, or a domain rule does not protect. What such a range means to
-    whom is domain-range-open and rule-domain-range-open; this is what it does.
+    Then a deny rule does not hold in all domains, or a domain rule does not protect. How implementations read such a
+    range, see domain-range-open and rule-domain-range-open.
     """
     for found in _of(context, Cause.RANGE):
         if lax := [divergence for divergence in found if divergence.escalates]:
@@ -287,14 +288,12 @@ def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation
     "KA615",
     Severity.MEDIUM,
     f"DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches); {facts.ANY_RULE_READ}",
-    in_governance(
-        "Let no two rules of the governance match one topic, or give both the same access control: correct them"
-    ),
+    in_governance("Let no two governance rules match one topic, or give both the same access control"),
 )
 def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Several rules of the governance match a topic, and on OpenDDS one of them without access control is enough.
 
-    So is one of a later domain rule for there to be the topic. Elsewhere the first that matches decides. Judged where
+    One in a later domain rule is enough, too, for the topic to exist. Elsewhere the first match decides. Judged only if
     opendds is among the chosen profiles; not measured.
     """
     yield from said(context, Cause.ANY_GOVERNANCE_RULE)
@@ -304,12 +303,12 @@ def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterato
     "KA616",
     Severity.MEDIUM,
     "DDS-Security 1.1, 9.4.1 (access control); docs/profiles.md",
-    in_permissions("Let each topic be decided by one rule, without partitions, ranges and brackets"),
+    in_permissions("Decide each topic by one rule, without partitions, ranges and brackets"),
 )
 def decided_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Implementations decide differently, for a reason that no other rule names.
 
-    The net below the others. It leaves the audit incomplete where there are too many classes of names to compare.
+    The check after all others. The audit is incomplete if there are too many classes of names to compare.
     """
     for found in _of(context, Cause.OTHER):
         why = _explained(found)

@@ -50,15 +50,15 @@ def _more(count: int) -> str:
     "KA640",
     Severity.HIGH,
     DESIGN,
-    decision(f"Sign what the policy says, {CREATE_PERMISSION}, or take the right out of the policy."),
+    decision(f"Sign what the policy says ({CREATE_PERMISSION}), or remove the right from the policy."),
     of=_drift,
 )
 def policy_right_not_granted(drift: Drift) -> Iterator[Violation]:
-    """The policy gives an enclave a right, and the permissions that it carries do not.
+    """The policy gives an enclave a right that its permissions do not.
 
-    Under Enforce, a node that needs it fails when it starts, or when it uses the name. Compared by meaning over all
-    names, in the domains that governance and grant have in common (or `--domain`); whether a node ever uses the name
-    cannot be known.
+    Under Enforce, a node that needs the right fails at start, or when it uses the name. Compared by meaning over all
+    names, in the domains that governance and grant share (or `--domain`). Whether a node ever uses the name cannot be
+    known.
     """
     for found in drift.enclaves:
         for rights in _alike(found.lacking.rights):
@@ -102,16 +102,16 @@ def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]
     Severity.HIGH,
     DESIGN,
     decision(
-        f"Sign what the policy says, {CREATE_PERMISSION}, or write the right into the policy. What "
-        "was signed before stays valid until its end: peers take whatever document is presented to them."
+        f"Sign what the policy says ({CREATE_PERMISSION}), or add the right to the policy. Documents "
+        "signed before stay valid until their dates end: peers accept any valid document."
     ),
     of=_drift,
 )
 def right_beyond_policy(drift: Drift) -> Iterator[Violation]:
     """Signed permissions give an enclave a right that the policy does not.
 
-    More than was reviewed is as severe as less. Looked at are the enclave's own permissions and every other document in
-    the keystore that names it and that a peer may take, since an enclave can present it.
+    The enclave can do more than was reviewed. Its own permissions are compared, and every other document of the
+    keystore that names it and that a peer may accept. It can present any of them.
     """
     for (enclave, own), found in grouped(drift.enclaves, lambda each: (each.enclave, each.own)).items():
         left = sum(each.exceeding.more for each in found)
@@ -145,22 +145,19 @@ def _exceeding(rights: Iterable[DriftedRight]) -> Iterable[str]:
     "KA642",
     Severity.HIGH,
     f"{DESIGN}; DDS-Security 1.1, 9.4.1.3 (grants)",
-    decision(
-        "Put every <profile> of an enclave into one <profiles>, and sign what the policy says "
-        f"then: {CREATE_PERMISSION}."
-    ),
+    decision(f"Put every <profile> of an enclave into one <profiles>, then sign the policy: {CREATE_PERMISSION}."),
     of=_drift,
 )
 def policy_profiles_lost(drift: Drift) -> Iterator[Violation]:
-    """The policy has several <profiles> for an enclave, of which only the first counts.
+    """The policy has several <profiles> for an enclave, and only the first counts.
 
-    `ros2 security` makes a grant of each, all with one subject, and implementations ask the first that is in force; of
-    several <enclave> elements with one path it translates the first alone. The nodes of the others have no rights.
+    `ros2 security` makes a grant of each, all with one subject, and implementations use the first in force. Of several
+    <enclave> elements with one path it translates only the first. The nodes of the others have no rights.
     """
     for enclave, lost in grouped(drift.lost, lambda profiles: profiles.enclave).items():
         nodes = listed(dict.fromkeys(node.name for profiles in lost for node in profiles.nodes))
         yield Violation(
-            f"What the policy says of {enclave} here is lost, and {nodes} with it: {lost[0].lost}.",
+            f"This part of the policy for {enclave} is lost, with the rights of {nodes}: {lost[0].lost}.",
             [profiles.location for profiles in lost],
             enclave=enclave,
             key="\n".join(sorted({node.name for profiles in lost for node in profiles.nodes})),
@@ -171,19 +168,18 @@ def policy_profiles_lost(drift: Drift) -> Iterator[Violation]:
     "KA643",
     Severity.HIGH,
     DESIGN,
-    decision(f"Take the enclave out of the policy, or create it: {CREATE_ENCLAVE}."),
+    decision(f"Remove the enclave from the policy, or create it: {CREATE_ENCLAVE}."),
     of=_drift,
 )
 def policy_enclave_missing(drift: Drift) -> Iterator[Violation]:
-    """The policy speaks of an enclave that the keystore does not have: its nodes do not start under Enforce.
+    """The policy describes an enclave that the keystore does not have: its nodes do not start under Enforce.
 
-    A keystore of one robot of many, with the policy of all of them, has this finding rightly.
+    The keystore of one robot, audited with the policy of many robots, rightly has this finding.
     """
     missing = drift.missing
     if missing:
         yield Violation(
-            f"The policy speaks of {listed(each.enclave for each in missing)}, expected in the keystore: "
-            "there is no such enclave.",
+            f"The policy describes {listed(each.enclave for each in missing)}, but the keystore has no such enclave.",
             [each.location for each in missing],
             enclave=missing[0].enclave if len(missing) == 1 else None,
             key="\n".join(sorted(each.enclave for each in missing)),
@@ -194,18 +190,18 @@ def policy_enclave_missing(drift: Drift) -> Iterator[Violation]:
     "KA644",
     Severity.HIGH,
     DESIGN,
-    decision("Describe the enclave in the policy, or remove it, and revoke its identity."),
+    decision("Describe the enclave in the policy. Or remove the enclave and revoke its identity."),
     of=_drift,
 )
 def enclave_not_in_policy(drift: Drift) -> Iterator[Violation]:
-    """The keystore has an enclave of which the policy says nothing, so that nobody can tell what it is to do.
+    """The keystore has an enclave that the policy does not mention, so nobody can tell what it is meant to do.
 
-    It is a participant that nobody reviewed, whatever its permissions say today.
+    Nobody reviewed this participant, whatever its permissions say today.
     """
     unnamed = drift.unnamed
     if unnamed:
         yield Violation(
-            f"The policy says nothing of {listed(enclave.path for enclave in unnamed)}.",
+            f"The policy does not mention {listed(enclave.path for enclave in unnamed)}.",
             [Location(enclave.files.files[Role.PERMISSIONS].place) for enclave in unnamed],
             enclave=unnamed[0].path if len(unnamed) == 1 else None,
             key="\n".join(sorted(enclave.path for enclave in unnamed)),
@@ -216,14 +212,14 @@ def enclave_not_in_policy(drift: Drift) -> Iterator[Violation]:
     "KA645",
     Severity.MEDIUM,
     DESIGN,
-    decision("Sign permissions that every implementation reads alike; what to change is at the place."),
+    decision("Correct the document at the place named, so that every implementation reads it alike, and sign it."),
     of=_drift,
 )
 def drift_undecided(drift: Drift) -> Iterator[Violation]:
-    """What an enclave is granted, or what the policy means, cannot be told: it may be more or less than was meant."""
+    """What an enclave is granted, or what the policy means, is unknown: it may be more or less than was meant."""
     for doubt in drift.undecided:
         yield Violation(
-            f"Whether {doubt.enclave} is granted what the policy says cannot be told "
+            f"It is unknown whether {doubt.enclave} is granted what the policy says "
             f"({shorten(doubt.reason, MAX_QUOTED)}).",
             (doubt.location,),
             enclave=doubt.enclave,
@@ -235,14 +231,14 @@ def drift_undecided(drift: Drift) -> Iterator[Violation]:
     "KA646",
     Severity.INFO,
     f"ROS 2 design, SROS2 access control policies; {facts.OWN_ACCESS_CONTROL}",
-    decision(f"With a DDS implementation, create permissions, {CREATE_PERMISSION}. {facts.AUDIT_ITS_CONFIGURATION}"),
+    decision(f"If a DDS implementation runs, create permissions: {CREATE_PERMISSION}. {facts.AUDIT_ITS_CONFIGURATION}"),
     of=_drift,
 )
 def policy_not_enforced_by_permissions(drift: Drift) -> Iterator[Violation]:
-    """No enclave has a permissions.p7s, as where rmw_zenoh alone runs: this audit cannot say that the policy holds.
+    """No enclave has a permissions.p7s, as where only rmw_zenoh runs: this audit cannot say that the policy holds.
 
-    rmw_zenoh takes identities from the enclaves and never reads permissions; what its nodes may do stands in its own
-    configuration, which is not in the keystore.
+    rmw_zenoh takes identities from the enclaves and never reads permissions. Its own configuration, outside the
+    keystore, says what its nodes may do.
     """
     if drift.unenforced:
         yield Violation(

@@ -48,12 +48,12 @@ def not_smime(use: SignedUse) -> Iterator[Violation]:
     stops=True,
 )
 def malformed_smime(use: SignedUse) -> Iterator[Violation]:
-    """The message can be taken apart in more than one way, or not at all as the standard has it.
+    """The message can be parsed in more than one way, or not as the standard demands.
 
-    OpenSSL, which all measured implementations use, takes some such messages. Which part a robot reads is not guessed
-    here, so that the meaning is unknown.
+    OpenSSL, which all measured implementations use, accepts some such messages. Which part a robot reads is not guessed
+    here, so the meaning is unknown.
     """
-    yield from _has(use, "what a robot makes of it is unknown.", Kind.MIME_MALFORMED, opens=True)
+    yield from _has(use, "what a robot reads in it is unknown.", Kind.MIME_MALFORMED, opens=True)
 
 
 @rule(
@@ -66,8 +66,8 @@ def malformed_smime(use: SignedUse) -> Iterator[Violation]:
 def cms_not_strict(use: SignedUse) -> Iterator[Violation]:
     """The signature is not strict DER, or not the structure that RFC 5652 describes.
 
-    OpenSSL takes BER and bytes behind the end. What two parsers may read differently is not interpreted here, so that
-    the meaning is unknown.
+    OpenSSL accepts BER, and bytes behind the end. What two parsers may read differently is not interpreted here, so the
+    meaning is unknown.
     """
     says = "it is not interpreted here, since parsers may read it differently."
     yield from _has(use, says, Kind.CMS_NOT_DER, Kind.CMS_MALFORMED, opens=True)
@@ -93,14 +93,14 @@ def no_text_plain_header(use: SignedUse) -> Iterator[Violation]:
     "KA308",
     Severity.MEDIUM,
     "RFC 2046, 5.1.1 (preamble and epilogue are ignored)",
-    sign_again("Take the text out of the file, or sign again."),
+    sign_again("Remove the text from the file; signing again does so."),
 )
 def unsigned_text(use: SignedUse) -> Iterator[Violation]:
-    """Text stands outside the signature, beyond the line that every S/MIME writer puts there.
+    """Text stands outside the signature, beyond the line that every S/MIME writer adds.
 
-    No run time reads it; a person who reviews the file may take it for signed.
+    No run time reads it, but a reviewer may take it for signed.
     """
-    yield from _has(use, "who reviews the file may take it for signed.", Kind.UNSIGNED_TEXT)
+    yield from _has(use, "a reviewer may take it for signed.", Kind.UNSIGNED_TEXT)
 
 
 @rule(
@@ -111,9 +111,9 @@ def unsigned_text(use: SignedUse) -> Iterator[Violation]:
     stops=True,
 )
 def weak_digest(use: SignedUse) -> Iterator[Violation]:
-    """The signature covers a digest for which two documents with one value have been made, SHA-1 or MD5.
+    """The signature covers a SHA-1 or MD5 digest, for which two documents with one value have been made.
 
-    Whoever could choose what was signed may hold another document with the same signature. Every implementation takes
+    Whoever could choose what was signed may hold another document with the same signature. Every implementation accepts
     it (measured).
     """
     digests = " ".join(sorted({each.digest for each in use.signed.signatures}))
@@ -131,8 +131,8 @@ def weak_digest(use: SignedUse) -> Iterator[Violation]:
 def several_signers(use: SignedUse) -> Iterator[Violation]:
     """The document has several signers.
 
-    Every one of them has to be a permissions CA; Fast DDS knows all certificates of the CA file, Cyclone DDS the first
-    (measured), and refuses what the second signed too.
+    Every one of them has to be a permissions CA. Fast DDS knows all certificates of the CA file. Cyclone DDS knows the
+    first one, and refuses what a second one signed too (measured).
     """
     yield from _has(use, facts.TWO_SIGNERS, Kind.SEVERAL_SIGNERS)
 
@@ -145,9 +145,9 @@ def several_signers(use: SignedUse) -> Iterator[Violation]:
     stops=True,
 )
 def opaque_message(use: SignedUse) -> Iterator[Violation]:
-    """The document stands inside the signature, so that nobody can review it in an editor.
+    """The document is inside the signature, so nobody can review it in an editor.
 
-    Implementations take it; debug builds of Cyclone DDS stop at an assertion.
+    Implementations accept it; debug builds of Cyclone DDS stop at an assertion.
     """
     yield from _has(use, "nobody can read it without a tool.", Kind.OPAQUE_MESSAGE)
 
@@ -162,9 +162,9 @@ def opaque_message(use: SignedUse) -> Iterator[Violation]:
 def two_contents(use: SignedUse) -> Iterator[Violation]:
     """The message carries one content beside the signature and another inside it.
 
-    Which one counts depends on who reads; OpenSSL takes such a message (measured).
+    Which one counts depends on the parser; OpenSSL accepts such a message (measured).
     """
-    yield from _has(use, "which of the two counts depends on who reads.", Kind.TWO_CONTENTS, opens=True)
+    yield from _has(use, "which of the two counts depends on the parser.", Kind.TWO_CONTENTS, opens=True)
 
 
 @rule(
@@ -174,7 +174,7 @@ def two_contents(use: SignedUse) -> Iterator[Violation]:
     sign_again("Sign without -noattr."),
 )
 def no_signed_attributes(use: SignedUse) -> Iterator[Violation]:
-    """The signature covers the content alone: nothing says when it was made, or for what kind of content.
+    """The signature covers only the content: nothing says when it was made, or for what kind of content.
 
     Valid everywhere (measured).
     """
@@ -191,7 +191,7 @@ def no_signed_attributes(use: SignedUse) -> Iterator[Violation]:
 def unsupported_signature_algorithm(use: SignedUse) -> Iterator[Violation]:
     """The signature uses an algorithm that is not verified here.
 
-    OpenSSL may verify it, so that its worth is unknown.
+    OpenSSL may verify it, so it is unknown whether the signature is valid.
     """
     yield from _has(use, "whether it is valid is unknown.", Kind.UNSUPPORTED_ALGORITHM, opens=True)
 
@@ -205,5 +205,5 @@ def unsupported_signature_algorithm(use: SignedUse) -> Iterator[Violation]:
     stops=True,
 )
 def no_signer(use: SignedUse) -> Iterator[Violation]:
-    """The message has the form of a signed one and no signature in it: every implementation refuses it."""
+    """The message has the form of a signed one, but no signature: every implementation refuses it."""
     yield from _has(use, "every implementation refuses it.", Kind.NO_SIGNER)

@@ -46,7 +46,7 @@ def security_not_enabled(environment: Environment) -> Iterator[Violation]:
     value = environment.value(ENABLE)
     if value != SECURE[ENABLE]:
         said = f"is {quoted(value)}, not exactly 'true'" if value else "is not set"
-        yield _found(environment, ENABLE, f"{ENABLE} {said}: nothing of this is in force.")
+        yield _found(environment, ENABLE, f"{ENABLE} {said}: nothing in this keystore is in force.")
 
 
 @rule(
@@ -72,13 +72,13 @@ def security_not_enforced(environment: Environment) -> Iterator[Violation]:
     "KA672",
     Severity.HIGH,
     RCL,
-    outside("Let ROS_SECURITY_ENCLAVE_OVERRIDE name an enclave of the keystore, or leave it out."),
+    outside("Set ROS_SECURITY_ENCLAVE_OVERRIDE to an enclave of the keystore, or remove it."),
     of=_environment,
 )
 def override_names_no_enclave(environment: Environment, context: Context) -> Iterator[Violation]:
     """The enclave that every process is to use is not in the keystore; names are compared letter by letter.
 
-    Under Enforce nothing starts then, otherwise everything starts unsecured. rcl does not check the name: with `..` it
+    Under Enforce nothing starts; otherwise everything starts unsecured. rcl does not check the name: with `..` it
     leaves the keystore.
     """
     name = environment.value(OVERRIDE)
@@ -96,22 +96,20 @@ def override_names_no_enclave(environment: Environment, context: Context) -> Ite
     "KA673",
     Severity.MEDIUM,
     RCL,
-    outside(
-        "Give each process its own enclave with --ros-args --enclave, and leave ROS_SECURITY_ENCLAVE_OVERRIDE out."
-    ),
+    outside("Give each process its own enclave with --ros-args --enclave, and remove ROS_SECURITY_ENCLAVE_OVERRIDE."),
     of=_environment,
 )
 def override_for_every_process(environment: Environment, context: Context) -> Iterator[Violation]:
-    """Every process that starts in this environment has one identity and its rights, though there are several enclaves.
+    """Every process in this environment has one identity and its rights, though there are several enclaves.
 
-    What separates the enclaves in this report does not separate those processes.
+    Nothing that separates enclaves in this report separates those processes.
     """
     name = environment.value(OVERRIDE)
     if len(context.keystore.enclaves) > 1 and name in {enclave.path for enclave in context.keystore.enclaves}:
         yield _found(
             environment,
             OVERRIDE,
-            f"Every process that starts so is {name}, one of {len(context.keystore.enclaves)} enclaves.",
+            f"Every process in this environment is {name}, one of {len(context.keystore.enclaves)} enclaves.",
             enclave=name,
         )
 
@@ -120,13 +118,13 @@ def override_for_every_process(environment: Environment, context: Context) -> It
     "KA674",
     Severity.HIGH,
     RCL,
-    outside("Set ROS_SECURITY_KEYSTORE to where the keystore is on the robot."),
+    outside("Set ROS_SECURITY_KEYSTORE to the keystore's path on the robot."),
     of=_environment,
 )
 def no_keystore_named(environment: Environment) -> Iterator[Violation]:
     """ROS_SECURITY_KEYSTORE is not set: no process finds an enclave.
 
-    Whether the directory that it names holds what was audited cannot be seen from here.
+    Whether the directory that it names holds what was audited cannot be seen here.
     """
     if not environment.value(KEYSTORE):
         yield _found(environment, KEYSTORE, f"{KEYSTORE} is not set: no enclave is found.")
@@ -142,7 +140,7 @@ def no_keystore_named(environment: Environment) -> Iterator[Violation]:
 def domain_id_invalid(environment: Environment) -> Iterator[Violation]:
     """ROS_DOMAIN_ID is no domain: no process starts.
 
-    What the enclaves may do is then worked out for every domain that the governance covers, as without the variable.
+    Rights are then worked out for every governed domain, as without the variable.
     """
     if environment.domain is None:
         value = quoted(environment.value(DOMAIN))
@@ -157,10 +155,10 @@ def domain_id_invalid(environment: Environment) -> Iterator[Violation]:
     of=_environment,
 )
 def middleware_not_modelled(environment: Environment, context: Context) -> Iterator[Violation]:
-    """The middleware is none whose decisions are known here, so that this report says nothing about it.
+    """The middleware's decisions are not known here, so this report says nothing about it.
 
-    rmw_zenoh_cpp takes its own access control file; it enforces neither governance.p7s nor permissions.p7s. With
-    `--zenoh DIR` the audit speaks of those files.
+    rmw_zenoh_cpp uses its own access control file, and enforces neither governance.p7s nor permissions.p7s. With
+    `--zenoh DIR` the audit covers those files.
     """
     name = environment.value(RMW)
     unenforcing = name == facts.UNENFORCING
@@ -169,7 +167,7 @@ def middleware_not_modelled(environment: Environment, context: Context) -> Itera
         yield _found(
             environment,
             RMW,
-            f"{RMW} is {quoted(name)}, which {why}: this report does not speak of it.",
+            f"{RMW} is {quoted(name)}, which {why}: this report does not cover it.",
             undecided=True,
         )
 
@@ -178,20 +176,20 @@ def middleware_not_modelled(environment: Environment, context: Context) -> Itera
     "KA677",
     Severity.HIGH,
     "keystore-audit, docs/profiles.md",
-    outside("Name the releases that the robot runs with --profile, or use a distribution that is still maintained."),
+    outside("Name the robot's releases with --profile, or use a maintained distribution."),
     of=_environment,
 )
 def distribution_not_modelled(environment: Environment, context: Context) -> Iterator[Violation]:
-    """It is not known here which releases of DDS implementations the distribution has.
+    """The distribution's releases of DDS implementations are not known here.
 
-    Every variant of the middleware is judged then, old ones among them that take permissions which an enclave signed
-    itself; whether the robot's is one of them stays open, unless profiles are chosen.
+    Every variant of the middleware is judged instead, including old ones that accept permissions which an enclave
+    signed itself. Whether the robot runs one of them stays open, unless profiles are chosen.
     """
     name = environment.value(DISTRIBUTION)
     if name and name not in DISTRIBUTIONS:
         assumed = running(name, environment.value(RMW))
         chosen = tuple(profile.name for profile in context.fleets) != assumed
-        what = "the profiles chosen are judged instead" if chosen else "every release that is known is judged instead"
+        what = "the profiles chosen are judged instead" if chosen else "every known release is judged instead"
         yield _found(
             environment,
             DISTRIBUTION,

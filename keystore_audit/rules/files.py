@@ -30,13 +30,13 @@ from keystore_audit.text import PLAIN_PATH, counted
 
 RUN_TIME_FILES: Final = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
 
-_MAKE_AGAIN: Final = decision(f"Make what is missing: {CREATE_ENCLAVE}.")
+_MAKE_AGAIN: Final = decision(f"Create what is missing: {CREATE_ENCLAVE}.")
 
 
 _FOR_WANT_OF: Final = {  # create_enclave would make it, and put permissions that allow everything over those there are
     **dict.fromkeys(LINKED, LINK_AGAIN),
     Role.PERMISSIONS: mechanical(
-        f"Where permissions.xml is there, read it and sign it. Else write a policy: {CREATE_PERMISSION}.",
+        f"Review and sign permissions.xml, if there is one. Else write a policy: {CREATE_PERMISSION}.",
         Act.SIGN,
     ),
     Role.CERTIFICATE: ISSUE_AGAIN,
@@ -66,7 +66,7 @@ def _how_to_make(enclave: Enclave, missing: File) -> Remedy:
     role = next(role for role in REQUIRED if files[role].path == missing.path)
     there = any(files[each].status is Status.PRESENT for each in REQUIRED if each is not Role.KEY)
     if role is Role.GOVERNANCE and enclave.path == "/":  # what the others link to
-        return decision("Restore it, or sign governance.xml.", Act.EDIT_GOVERNANCE)
+        return decision("Restore governance.p7s, or sign governance.xml.", Act.EDIT_GOVERNANCE)
     return _FOR_WANT_OF[role] if there else _MAKE_AGAIN
 
 
@@ -77,9 +77,10 @@ def is_linked(enclave: Enclave, file: File) -> bool:
 
 
 def renaming(keystore: Keystore) -> Callable[[str, Role], str]:
-    """What to do first with a file that lies in the folder of an enclave and may be what it lacks in this role:
-    `talker.crt`, `Cert.pem`, `permission.p7s`. Nothing where the enclave lacks nothing, or a shell would read the name
-    otherwise.
+    """What to do first with a file in an enclave's folder that may be the one that it lacks in this role.
+
+    Such files are `talker.crt`, `Cert.pem`, `permission.p7s`. Nothing where the enclave lacks nothing, or where a shell
+    would read the name otherwise.
     """
     enclaves = {enclave.files.directory: enclave for enclave in keystore.enclaves}
 
@@ -113,18 +114,18 @@ def file_name(file: File) -> str:
     Severity.HIGH,
     RUN_TIME_FILES,
     decision(
-        "Make the one file that is missing, as its finding says: `ros2 security create_enclave` would write "
-        "permissions that allow everything over those there are. Where there is nothing but a key: "
+        "Create only the missing file, as its finding says: `ros2 security create_enclave` would overwrite "
+        "permissions with ones that allow everything. If there is nothing but a key: "
         f"{CREATE_ENCLAVE}."
     ),
     explains=tuple(_RESTS_ON.values()),
     stops=True,
 )
 def required_file_missing(enclave: Enclave) -> Iterator[Violation]:
-    """A file that every run time needs is not there.
+    """A file that every run time needs is missing.
 
     Under Enforce the enclave's nodes do not start; under any other strategy they start without security. The check
-    cannot know which strategy the robot uses.
+    cannot know the robot's strategy.
     """
     for file in in_state(_required(enclave), Status.MISSING, Status.DIRECTORY):
         got = "a directory" if file.status is Status.DIRECTORY else "nothing"
@@ -136,14 +137,14 @@ def required_file_missing(enclave: Enclave) -> Iterator[Violation]:
     "KA102",
     Severity.HIGH,
     RUN_TIME_FILES,
-    decision("Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy).", Act.LINK),
+    decision("Restore the file that the link names; a copy needs public/ and enclaves/governance.p7s.", Act.LINK),
     explains=tuple(_RESTS_ON.values()),
     stops=True,
 )
 def dangling_link(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is a link that leads nowhere: its target is missing, or the links go in a circle.
 
-    Copying a part of a keystore does that. A revocation list that is such a link revokes nothing, and nobody is told.
+    Usually a part of a keystore was copied. A revocation list behind such a link revokes nothing, and nobody is told.
     """
     for file in in_state(_required(enclave), Status.DANGLING, Status.LOOP):
         message = f"{enclave.path} cannot start: {file_name(file)} is a link that leads nowhere ({file.detail})."
@@ -157,18 +158,18 @@ def dangling_link(enclave: Enclave) -> Iterator[Violation]:
     Severity.LOW,
     "ros2/sros2, keystore layouts; ros2/rmw_dds_common, security.cpp (the files that a run time reads); CWE-538",
     decision(
-        "Take out of the tree what no run time reads. Where it has to be there, name it in the settings: its path "
-        '(`[files] foreign = ["maps/**"]`), or its hash where it is not read (`accepted = ["sha256:..."]`).'
+        "Remove the files from the tree. If one has to be there, declare it in the settings: its path "
+        '(`[files] foreign = ["maps/**"]`), or its hash if it was not read (`accepted = ["sha256:..."]`).'
     ),
 )
 def foreign_file(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """Files or directories lie in the keystore that neither sros2 nor the DDS-Security plugins know by place and name.
+    """The keystore holds files or directories that neither sros2 nor the DDS-Security plugins know by place and name.
 
-    No run time needs them, and whoever has the robot has them. They are read as OpenSSL reads files, whatever they are
-    called: documents, certificates and keys in them count (KA660, KA663, KA668, KA118). What was not read may hold
-    others: too large, not readable, no text, base64 that nobody decodes. Verdicts then assume that it does not, and no
-    statement passes. Patterns in settings take files out of this finding, and never out of the reading. High in a tree
-    that goes on a robot (--deployed).
+    No run time needs them, and whoever has the robot has them. They are read as OpenSSL reads files, whatever their
+    names: documents, certificates and keys in them count (KA660, KA663, KA668, KA118). A file that was not read may
+    hold others: it is too large, not readable, no text, or base64 that nobody decodes. Verdicts then assume that it
+    does not, and no statement passes. Patterns in settings remove files from this finding, never from the reading. High
+    in a tree that goes on a robot (--deployed).
     """
     declared = keystore.declared
     found = [
@@ -181,7 +182,7 @@ def foreign_file(keystore: Keystore, context: Context) -> Iterator[Violation]:
         unread = [each for each in found if each.unread]
         said = f" {counted(len(unread), 'of them was', 'of them were')} not read." if unread else ""
         if any(".git" in each.file.path.split("/") for each in found):
-            said += " The history that git keeps in .git may hold keys that were taken out long ago."
+            said += " The git history in .git may hold keys that were removed long ago."
         yield Violation(
             f"{counted(len(found), 'foreign file')} in the keystore: {listed(tops.values())}.{said}",
             [Location(path) for path in tops],
@@ -207,21 +208,21 @@ def _written_by_others(file: File) -> bool:
     "KA119",
     Severity.HIGH,
     "DDS-Security 1.1, 9.3.1 and 9.4.1 (the CA certificates decide who is trusted); CWE-732",
-    mechanical("Compare what is there with what was issued: whoever could write may have done so.", Act.CLOSE),
+    mechanical("Compare the files with what was issued: somebody may have changed them.", Act.CLOSE),
 )
 def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """Others than the owner may write CA certificates, folders on the way to what enclaves read, or files of enclaves.
+    """Users other than the owner may write CA certificates, files of enclaves, or folders on the way to them.
 
-    Whoever replaces both CA certificates can impersonate anyone. What the authorities
-    signed nobody can change unseen, but an older document or list of theirs can be put back: a step less.
-    Whoever may write cert.p11 or key.p11 can have the enclave use something else on its token: a step less, too. High
-    in a tree that goes on a robot (--deployed), medium elsewhere, as in the checkout of a pipeline. CA certificates,
-    folders, signed files and addresses of a token are a finding each. A file's group counts unless it is the owner's
-    own: where the two have one number, as on distributions that give every user a group (0664 is usual there). A group
-    of another number counts even if its user is alone in it: that is known to the machine on which the files are used,
-    and to no keystore. In a sticky folder others can add files but replace none: it does not count, unless it is an
-    enclave's, where a crl.pem or a `.p11` may be added, which Fast DDS takes before the `.pem`. Who is in a group, who
-    owns what, access control lists and folders above the keystore are not looked at.
+    Whoever replaces both CA certificates can impersonate anyone. Nobody can change signed files unseen, but an older
+    one can be put back: one step less severe. Whoever can write cert.p11 or key.p11 can make the enclave use something
+    else on its token: also one step less. High in a tree that goes on a robot (--deployed), else medium, as in the
+    checkout of a pipeline. CA certificates, folders, signed files and token addresses are a finding each.
+
+    A file's group counts unless it is the owner's own, which it is if the two have one number (0664 is usual there). A
+    group with another number counts even if its user is alone in it, which no keystore can know. In a sticky folder
+    others can add files but replace none, so it counts only if it is an enclave's. There they can add a crl.pem, or a
+    `.p11`, which Fast DDS reads before the `.pem`. Not checked: group members, owners, access control lists, and
+    folders above the keystore.
     """
     enclaves = keystore.layout.enclaves
     authorities = {
@@ -239,15 +240,15 @@ def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violati
     }
     addresses = [file for each in enclaves for file in each.pkcs11.values() if file.place not in authorities]
     severity, less = (Severity.HIGH, Severity.MEDIUM) if context.deployed else (Severity.MEDIUM, Severity.LOW)
-    trusted = "whoever puts a CA certificate of his own there issues identities or signs rights that the enclaves trust"
+    trusted = "whoever replaces one issues identities or signs rights that the enclaves trust"
     own = {each.directory for each in enclaves}
     folders = [each for each in keystore.layout.folders if each.place in own or not (each.mode or 0) & _STICKY]
     yield from _found(authorities.values(), ("CA certificate", "CA certificates"), trusted, severity)
-    replaced = "whoever may write in one replaces what it leads to, with CA certificates of his own"
+    replaced = "whoever can write in one can replace what it leads to, even CA certificates"
     yield from _found(folders, ("folder", "folders"), replaced, severity)
-    again = "whoever kept an older one of its authority can put it back"
+    again = "whoever kept an older one signed by its authority can put it back"
     yield from _found(signed.values(), ("signed file", "signed files"), again, less)
-    another = "whoever may write one has its enclave take another key or certificate from the token"
+    another = "whoever can write one can make its enclave use another key or certificate of the token"
     yield from _found(addresses, ("PKCS #11 address", "PKCS #11 addresses"), another, less)
 
 
@@ -256,7 +257,7 @@ def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Se
     if modes:
         shown = listed(f"{place} ({mode})" for place, mode in modes.items())
         yield Violation(
-            f"Others than the owner may write {counted(len(modes), *called)}: {shown}; {so}.",
+            f"Users other than the owner may write {counted(len(modes), *called)}: {shown}; {so}.",
             [Location(place) for place in modes],
             severity=severity,
             key="\n".join(f"{place} {mode}" for place, mode in sorted(modes.items())),
@@ -268,16 +269,15 @@ def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Se
     Severity.HIGH,
     "DDS-Security 1.1, 8.2.1 and 9.4.3 (a participant is created only with valid credentials); measured",
     decision(
-        "Make of what the message names what every implementation takes, and sros2 makes: keys on "
-        "prime256v1, certificates and documents signed over SHA-256, one self-signed certificate in each CA "
-        "file."
+        "Replace what the message names by what every implementation accepts: keys on prime256v1, signatures "
+        "over SHA-256, and one self-signed certificate in each CA file."
     ),
 )
 def enclave_does_not_start(refusal: Refusal) -> Iterator[Violation]:
     """An implementation creates no participant for the enclave, and no finding of high severity says why.
 
-    The last net: what other rules call medium, or have no words for, is no pass where a robot would stand still. The
-    reasons are those of the report's table of enclaves.
+    The last check: a robot that stands still is no pass, even if other rules call the reason medium or do not know it.
+    The reasons are those of the report's table of enclaves.
     """
     for reasons, names in refusal.profiles.items():
         who = implementations(VARIANTS[name] for name in names)

@@ -92,8 +92,8 @@ _decided(
     Severity.HIGH,
     """Only participants that the identity CA vouches for join a domain.
 
-    Violated where the governance lets participants in that have no certificate at all: authentication is then a matter
-    of good will. That the implementation demands the handshake of the others is taken for granted.
+    Violated if the governance admits participants that have no certificate: authentication is then voluntary. It is
+    assumed that implementations demand the handshake of all others.
     """,
     in_governance("Set <allow_unauthenticated_participants> to false"),
 )
@@ -103,10 +103,10 @@ _decided(
     Severity.HIGH,
     """Every enclave's identity is vouched for by its identity CA, in force at the audit instant and not revoked.
 
-    An enclave without such an identity never takes part, since its peers refuse the handshake; or it is there to see
-    who does not. One step from a certificate of the CA file is enough, as each of them is a trust anchor.
+    Peers refuse the handshake of an enclave without such an identity; it may be there to find peers that do not. One
+    step from a certificate of the CA file is enough, as each of them is a trust anchor.
     """,
-    issue_again("Issue the identity again under the identity CA that the enclaves carry."),
+    issue_again("Use the identity CA that the enclaves carry."),
 )
 _decided(
     "KA703",
@@ -114,8 +114,8 @@ _decided(
     Severity.CRITICAL,
     """Every governance and permissions document is signed by the permissions CA itself, in force at the audit instant.
 
-    What somebody else signed says what that somebody wants, wherever it is taken. Who had the authority's key in hand
-    when it signed cannot be known.
+    Whoever else signed a document decides what it says, wherever it is accepted. Who held the authority's key when it
+    signed cannot be known.
     """,
     sign_again("Find out who signed it."),
 )
@@ -125,16 +125,16 @@ _decided(
     Severity.HIGH,
     """No identity key serves two enclaves.
 
-    Enclaves with one key have one set of rights, and revoking one revokes both. Copies of a key outside this keystore
-    are not seen.
+    Enclaves with one key share their rights, and revoking one revokes both. Copies of a key outside this keystore are
+    not seen.
     """,
-    issue_again("Give each enclave a key and certificate of its own."),
+    issue_again("Give each enclave its own key and certificate."),
 )
 _decided(
     "KA705",
     stated.NO_SELF_GRANTED_RIGHTS,
     Severity.HIGH,
-    """No enclave can sign a permissions document that its peers take.
+    """No enclave can sign a permissions document that its peers accept.
 
     Such an enclave can do anything. Whether an implementation pins the signer was measured with documents signed by a
     leaf; the profiles say for which it was only read.
@@ -147,9 +147,8 @@ _decided(
     Severity.MEDIUM,
     """No key serves as identity CA and as permissions CA.
 
-    Else the line between who somebody is and what it may do is one flag of an implementation, whether it pins the
-    signer. sros2 makes keystores so, which is why this is medium; where it is more, no-enclave-grants-itself-rights
-    says so.
+    Otherwise only an implementation that pins the signer keeps identity and rights apart. Medium, since sros2 makes
+    keystores so; where it is worse, no-enclave-grants-itself-rights says so.
     """,
     SEPARATE,
 )
@@ -159,10 +158,10 @@ _decided(
     Severity.HIGH,
     """No grant names the identities of two enclaves.
 
-    Peers take whatever validly signed document an enclave presents, so that each has the rights of both, whatever its
-    own document says. Subjects are compared as each implementation does.
+    Peers accept any validly signed document that an enclave presents, so each has the rights of both, whatever its own
+    document says. Subjects are compared as each implementation does.
     """,
-    decision("Give each enclave a subject of its own, and each grant a subject_name that names one enclave."),
+    decision("Give each enclave its own subject, and let each subject_name name one enclave."),
 )
 _decided(
     "KA711",
@@ -170,7 +169,7 @@ _decided(
     Severity.HIGH,
     """No payload is readable without a key of this keystore.
 
-    Topics that nobody may publish are not counted. Lengths, times and addresses stay readable whatever is encrypted.
+    Topics that nobody may publish are not counted. Lengths, times and addresses stay readable despite encryption.
     """,
     in_governance("Set data_protection_kind or metadata_protection_kind to ENCRYPT for the topic"),
 )
@@ -180,8 +179,8 @@ _decided(
     Severity.MEDIUM,
     """No topic name is readable in discovery without a key of this keystore.
 
-    Names tell an attacker what to aim at. The handshake shows every permissions document in clear in any case, so that
-    this slows a patient listener only.
+    Names tell an attacker what to aim at. The handshake shows every permissions document in clear anyway, so this only
+    slows a patient listener.
     """,
     in_governance("Set enable_discovery_protection to true and discovery_protection_kind to ENCRYPT"),
 )
@@ -191,8 +190,7 @@ _decided(
     Severity.CRITICAL,
     """No reader takes a sample that was made without a key of this keystore.
 
-    Else whoever reaches the network commands the robot. Replay of recorded messages and loss of messages are not among
-    what is decided.
+    Otherwise whoever reaches the network commands the robot. Replay and loss of messages are not part of this property.
     """,
     in_governance("Set metadata_protection_kind or data_protection_kind to SIGN or ENCRYPT for the topic"),
 )
@@ -202,9 +200,9 @@ _decided(
     Severity.HIGH,
     """No reader takes a recorded sample for a new one.
 
-    A payload that is protected for itself sits in a submessage whose sequence number anybody can write where neither
-    submessage nor message is authenticated: an old command is taken again. The same lets an outsider forge HEARTBEAT,
-    GAP and ACKNACK, which stops readers. Derived from what each kind covers; not attacked on the wire here.
+    A payload may be protected on its own. If neither its submessage nor the message is authenticated, anybody can
+    change the sequence number, and an old command is accepted again. An outsider can then also forge HEARTBEAT, GAP and
+    ACKNACK, which stops readers. Derived from what each kind covers; not attacked on the wire here.
     """,
     in_governance("Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT"),
 )
@@ -214,7 +212,7 @@ _decided(
     Severity.MEDIUM,
     """Nobody without a key of this keystore can assert that a writer is alive.
 
-    Whoever relies on liveliness to stop a robot then never learns that a controller has died.
+    Otherwise a robot that stops when liveliness is lost never learns that a controller has died.
     """,
     in_governance("Set rtps_protection_kind to SIGN, or protect liveliness"),
 )
@@ -234,9 +232,9 @@ _decided(
     Severity.HIGH,
     """No enclave can publish a topic, so that peers accept it, for which the permissions CA gave it no right.
 
-    Counted is what peers take for good, documents presented by others included, and forging with the keys in an
-    enclave's hands; a granted reader's forging is readers-cannot-forge. What nodes would do is not asked: every enclave
-    may be in an attacker's hands.
+    Counted is whatever peers accept, also by documents for others that the enclave presents, and forging with the keys
+    that it holds. For forging by a granted reader, see readers-cannot-forge. What nodes would do is not asked: every
+    enclave may be in an attacker's hands.
     """,
     in_governance("Set enable_write_ and enable_read_access_control to true and protect the topic's metadata"),
 )
@@ -246,8 +244,7 @@ _decided(
     Severity.HIGH,
     """No enclave reads a topic for which the permissions CA gave it no subscribe grant.
 
-    The keys of whole messages are in every participant's hands, so that rtps protection alone hides nothing from those
-    inside.
+    Every participant holds the keys of whole messages, so rtps protection alone hides nothing from insiders.
     """,
     in_governance("Set enable_read_access_control to true and metadata_ or data_protection_kind to ENCRYPT"),
 )
@@ -257,15 +254,14 @@ _decided(
     Severity.LOW,
     f"""No enclave that may only subscribe to a topic can pass for a publisher of it.
 
-    The keys are symmetric: whoever can check a sample can make one. sros2's own governance has it so, which is why this
-    is low. An rtps_protection_kind WITH_ORIGIN_AUTHENTICATION does not help: whose a sample is stands inside of what is
-    sealed, and no receiver compares it with who sealed it ({facts.FORGED_SOURCE}).
-    {facts.NO_ORIGIN}: there the kinds below help nothing, and the enclave that forges
-    must not read the topic.
+    The keys are symmetric: whoever can check a sample can make one. Low, since sros2's own governance allows it. An
+    rtps_protection_kind WITH_ORIGIN_AUTHENTICATION does not help: the sealed message names the writer, and no receiver
+    compares that with who sealed it ({facts.FORGED_SOURCE}). {facts.NO_ORIGIN}: there the kinds in the fix do not help
+    either, and the enclave that forges must not read the topic.
     """,
     in_governance(
-        "Where a reader must not pass for the writer, use SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION as "
-        "metadata_protection_kind of the topic"
+        "If readers must not pass for the writer, set the topic's metadata_protection_kind to SIGN_ or "
+        "ENCRYPT_WITH_ORIGIN_AUTHENTICATION"
     ),
 )
 _decided(
@@ -274,8 +270,8 @@ _decided(
     Severity.MEDIUM,
     f"""No enclave that may only relay a topic can read its payload.
 
-    A relay gets the keys of submessages, to pass them on, and no key of payloads: what is not encrypted for itself is
-    in clear to it. {facts.RELAY_READS}, and that is told by nobody-reads-without-a-grant.
+    A relay gets the keys of submessages, to pass them on, but no payload keys. It can read a payload that is not
+    encrypted on its own. {facts.RELAY_READS}: see nobody-reads-without-a-grant.
     """,
     in_governance("Set data_protection_kind to ENCRYPT for the topic"),
 )
@@ -285,10 +281,11 @@ _decided(
     Severity.MEDIUM,
     """No enclave can read in one domain and write in another.
 
-    Domains keep apart only what nobody carries over. Enclaves with one key are one: each acts as the others. Domains
-    that no document tells apart count as one here: a rule for all of them is rule-domain-range-open.
+    Domains separate only what nobody carries over. Enclaves with one key count as one, since each can act as the
+    others. Domains that no document tells apart count as one here; for a rule that covers all of them, see
+    rule-domain-range-open.
     """,
-    decision("Let each enclave's rules cover one domain, and make an enclave of its own for a bridge that is meant."),
+    decision("Let each enclave's rules cover one domain, and make a separate enclave for an intended bridge."),
 )
 
 
@@ -297,14 +294,15 @@ _decided(
     Severity.HIGH,
     "keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
     decision(
-        "Change what lets it through at one of the lines named (or give what `able` lacks), or change what is asserted."
+        "Change one of the lines named, which let it through, or change the assertion. For `able`, grant what is "
+        "missing."
     ),
 )
 def asserted_property_violated(result: AssertedResult) -> Iterator[Violation]:
     """A property that the settings assert is violated, with the shortest way found.
 
-    The severity is the one given there, high where none is. A flow is the absence or presence of explicit flows over
-    topics, whatever the nodes do; timing, acknowledgements and matching are not in it.
+    The severity is the one set there, else high. Flows are explicit flows over topics, whatever the nodes do; timing,
+    acknowledgements and matching are left out.
     """
     yield from _asserted(result, partial(_told, result))
 
@@ -314,15 +312,15 @@ def asserted_property_violated(result: AssertedResult) -> Iterator[Violation]:
     Severity.HIGH,
     "keystore-audit, docs/alloy-properties.md: what is asserted with --alloy-property",
     decision(
-        "Look at the places named; `keystore-audit model KEYSTORE -o DIR --alloy-property FILE` writes all "
-        "of it for the Analyzer's window."
+        "Check the places named. `keystore-audit model KEYSTORE -o DIR --alloy-property FILE` writes the model "
+        "for the Alloy Analyzer."
     ),
 )
 def asserted_alloy_property_violated(result: AlloyResult) -> Iterator[Violation]:
     """A property that a user asserts in Alloy is violated: a check has a counterexample, or a run no instance.
 
-    Alloy alone decides it: no second engine has checked the answer, and what the file says is taken at its word. The
-    severity is the one given there, high where none is.
+    Alloy alone decides it: no second engine checks the answer, and the file is taken at its word. The severity is the
+    one set there, else high.
     """
     yield from _asserted(result, partial(_told, result))
 
@@ -336,13 +334,13 @@ def _told(result: UserResult, example: str) -> str:
     "KA742",
     Severity.HIGH,
     "keystore-audit, docs/settings.md: the lattice and the labels in keystore-audit.toml",
-    decision("Change what lets it through at one of the lines named, or declare who is trusted to pass it on."),
+    decision("Change one of the lines named, which let it through, or declare who is trusted to pass it on."),
 )
 def label_flow_violated(result: LabelResult) -> Iterator[Violation]:
-    """What has one label can reach what has another, though the lattice of the settings lets nothing through there.
+    """What has one label can reach what has another, though the lattice of the settings forbids it.
 
-    One finding for each two labels, with the shortest way; others between the same labels may remain. The severity is
-    the one that the lattice gives, high where it gives none (Denning, A lattice model of secure information flow).
+    One finding for each pair of labels, with the shortest way; others between the same labels may remain. The severity
+    is the one set in the lattice, else high (Denning, A lattice model of secure information flow).
     """
     flow = f"What is labelled {quoted(result.source)} can reach what is labelled {quoted(result.target)}"
     yield from _asserted(result, lambda example: f"{flow}: {example}" if example else f"{flow}.", "the lattice")

@@ -32,8 +32,8 @@ _Says = Callable[[str, str], Violation]
 """What is said at an element of a rule, after where that is."""
 
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_VARIES, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
-DIFFER: Final = "implementations differ in what they make of it."
-UNREAD: Final = "what a robot makes of the document is unknown."
+DIFFER: Final = "implementations read it differently."
+UNREAD: Final = "what a robot reads in it is unknown."
 
 
 def out_of_form(use: DocumentUse, context: Context, *kinds: Kind) -> Iterator[Violation]:
@@ -136,9 +136,9 @@ def _violation(
 def governance_schema_invalid(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """The document breaks the governance schema of DDS-Security.
 
-    Fast DDS refuses unknown, missing and reordered elements. Cyclone DDS takes any order, and an empty boolean is false
-    there (measured). Verdicts go by what each makes of it; it is medium where all read it. Where that was not measured
-    of one in scope, what it means is unknown, unless nobody takes its signature.
+    Fast DDS refuses unknown, missing and reordered elements. Cyclone DDS accepts any order, and reads an empty boolean
+    as false (measured). Verdicts follow what each one reads; medium if all read it. If an implementation in scope was
+    not measured, the meaning is unknown, unless nobody accepts the signature.
     """
     yield from out_of_form(use, context, Kind.SCHEMA_INVALID)
 
@@ -153,11 +153,9 @@ def governance_schema_invalid(use: GovernanceUse, context: Context) -> Iterator[
 def governance_ambiguous(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
-    Fast DDS, Cyclone DDS and libxml2 read comments and blanks in values differently (measured), so that one signed file
-    has several meanings: verdicts go by what each makes of it, and it is medium where
-    all read it. What a robot makes of CDATA, entities
-    and other encodings is not guessed. Nor is what it makes of a document that is too large to be read here:
-    docs/security-model.md has the limits.
+    Fast DDS, Cyclone DDS and libxml2 read comments and blanks in values differently (measured): one signed file has
+    several meanings. Verdicts follow what each one reads; medium if all read it. How a robot reads CDATA, entities and
+    other encodings is not guessed. Nor is it for a document that is too large to be read here (docs/security-model.md).
     """
     yield from out_of_form(use, context, *AMBIGUOUS)
     remedy = in_governance("Write fewer rules, and fewer expressions with wildcards")
@@ -179,8 +177,8 @@ def governance_ambiguous(use: GovernanceUse, context: Context) -> Iterator[Viola
 def unauthenticated_participants_allowed(use: GovernanceUse) -> Iterator[Violation]:
     """A participant without any certificate is matched in the domain.
 
-    On Cyclone DDS such a peer reads and writes even topics under access control, where every protection kind is NONE
-    (measured); what it reaches beside that depends on the implementation.
+    On Cyclone DDS such a peer reads and writes even topics under access control, if every protection kind is NONE
+    (measured). What else it reaches depends on the implementation.
     """
     for domain_rule, violation in in_domains(use):
         if domain_rule.allow_unauthenticated_participants:
@@ -200,9 +198,9 @@ def unauthenticated_participants_allowed(use: GovernanceUse) -> Iterator[Violati
     applies=speaks,
 )
 def join_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
-    """Peers let every participant join that authenticates, whatever its permissions.
+    """Peers let every authenticated participant join, whatever its permissions.
 
-    Fast DDS demands an allow rule of its own participant all the same (measured); what counts are the others.
+    Fast DDS still demands an allow rule of its own participant (measured); what counts are its peers.
     """
     for domain_rule, violation in in_domains(use):
         if not domain_rule.enable_join_access_control:
@@ -221,17 +219,17 @@ def join_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
     applies=speaks,
 )
 def read_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
-    """Whoever joined reads the topics: nobody asks for subscribe permissions.
+    """Every participant that joined can read the topics: nobody checks subscribe permissions.
 
-    Readers get the keys by which samples are checked, and with symmetric keys whoever checks can make: unless a kind
-    authenticates the origin, write access control is void as well.
+    Readers get the keys that check samples, and with symmetric keys whoever checks can make. So write access control is
+    void as well, unless a kind authenticates the origin.
     """
     for _domain_rule, topic_rule, violation in in_topics(use):
         if not topic_rule.enable_read_access_control:
             yield violation(
                 "enable_read_access_control",
-                "enable_read_access_control is false, expected true: whoever joined reads them, and with a reader's "
-                "keys can write.",
+                "enable_read_access_control is false, expected true: every participant reads them, and can write "
+                "them with a reader's keys.",
             )
 
 
@@ -244,12 +242,12 @@ def read_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
     applies=speaks,
 )
 def write_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
-    """Whoever joined writes the topics: nobody asks for publish permissions."""
+    """Every participant that joined can write the topics: nobody checks publish permissions."""
     for _domain_rule, topic_rule, violation in in_topics(use):
         if not topic_rule.enable_write_access_control:
             yield violation(
                 "enable_write_access_control",
-                "enable_write_access_control is false, expected true: whoever joined writes them.",
+                "enable_write_access_control is false, expected true: every participant writes them.",
             )
 
 
@@ -257,17 +255,14 @@ def write_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
     "KA416",
     Severity.HIGH,
     "DDS-Security 1.1, 9.4.1.2 (participants of a domain share its governance); measured",
-    decision(
-        "Decide which governance is right, and give every enclave that one: sros2 makes a link to "
-        "enclaves/governance.p7s."
-    ),
+    decision("Decide which governance is right, and give it to every enclave, as a link to enclaves/governance.p7s."),
 )
 def governances_differ(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Enclaves carry governance documents that say different things.
 
-    Endpoints whose protection kinds or access control flags differ never match, and nobody is told (measured). An
-    attacker's endpoint declares what it likes, so the difference protects nothing. Compared is what the documents say
-    where that could be read, else their bytes.
+    Endpoints with different protection kinds or access control flags never match, and nobody is told (measured). An
+    attacker's endpoint declares what it likes, so the difference protects nothing. Documents are compared by meaning;
+    those that could not be read, by their bytes.
     """
     said: dict[object, list[tuple[Enclave, GovernanceFile]]] = {}
     for enclave in keystore.enclaves:
@@ -301,11 +296,11 @@ def _meaning(file: GovernanceFile, at: datetime) -> object:
     applies=speaks,
 )
 def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violation]:
-    """Topics of a governed domain match no topic rule, so that nobody can create them.
+    """Some topics of a governed domain match no topic rule, so nobody can create them.
 
-    Fast DDS and Cyclone DDS refuse them; OpenDDS goes on to the permissions, and then finds no protection for their
-    endpoints (read in its source). Without ros_discovery_info DDS makes a participant, ROS 2 gives it up, and nothing
-    runs. Where implementations read the expressions differently, each reading has a finding of its own.
+    Fast DDS and Cyclone DDS refuse them. OpenDDS goes on to the permissions, and then finds no protection for their
+    endpoints (read in its source). Without ros_discovery_info, DDS creates a participant, ROS 2 gives it up, and
+    nothing runs. If implementations read the expressions differently, each reading has its own finding.
     """
     for topics in context.meaning.ungoverned:
         if topics.location.path == use.signed.file.place:
@@ -321,7 +316,7 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
 
 
 _ADD_LIVELINESS: Final = in_governance(
-    "Write <enable_liveliness_protection> behind <enable_discovery_protection> in every topic rule"
+    "Write <enable_liveliness_protection> after <enable_discovery_protection> in every topic rule"
 )
 _IN_ORDER: Final = in_permissions("Write publish first, then subscribe, then relay in every rule")
 
@@ -330,15 +325,15 @@ _IN_ORDER: Final = in_permissions("Write publish first, then subscribe, then rel
     "KA421",
     Severity.HIGH,
     "DDS-Security 1.0 (20160303) against 1.1 (20170901)",
-    decision("Write it in the form of DDS-Security 1.1, as the finding says.", Act.EDIT),
+    decision("Write the document in the form of DDS-Security 1.1, as the finding says.", Act.EDIT),
     stops=True,
 )
 def dds_security_1_0_document(use: DocumentUse) -> Iterator[Violation]:
     """The document has the form of DDS-Security 1.0, which Ardent and Bouncy wrote.
 
-    A governance lacks what 1.1 demands, so that implementations of today refuse it. Permissions have publish, subscribe
-    and relay in another order, as somebody may write them today: Fast DDS 2.9.1 and Cyclone DDS 0.10.2 read these as
-    meant (measured), so that it is medium. Either is read here in its own terms.
+    A governance of that form lacks what 1.1 demands, so today's implementations refuse it. Permissions have publish,
+    subscribe and relay in another order, which people may also write today. They are medium: Fast DDS 2.9.1 and Cyclone
+    DDS 0.10.2 read them as meant (measured). Both are read here in their own terms.
     """
     found = of_kinds(use.document.defects, Kind.DDS_SECURITY_1_0)
     if isinstance(use.document, GovernanceFile):

@@ -28,14 +28,14 @@ from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, instant_o
 from keystore_audit.text import instant
 
 _SAFE_FORM: Final = (
-    "Use subjects that every implementation reads alike: one CN, the enclave's path, whose parts are not all parts of "
-    "another enclave's path; in the grant `CN=/path` to the letter, ASCII, without blanks, quotes and escapes. Issue "
-    "the certificates again where that changes a subject."
+    "Use subjects that every implementation reads alike: one CN, the enclave's path, in ASCII, without blanks, quotes "
+    "and escapes. Write it in the grant as `CN=/path`, letter by letter. The parts of a path must not all be parts of "
+    "another enclave's path. Issue certificates again if their subject changes."
 )
 
 _Named = tuple[Grant, PermissionsUse, Certificate, tuple[Profile, ...], bool]
-"""A grant, the document that holds it, a certificate, the variants under whose peers the grant names it, and whether it
-means that subject and no other that is here."""
+"""A grant, its document, a certificate, the variants whose peers take the grant to name it, and whether it means that
+subject alone."""
 
 
 def _identities(keystore: Keystore) -> dict[str, Certificate]:
@@ -81,11 +81,11 @@ def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]
 def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Some implementation takes a grant to name an identity whose subject is another one.
 
-    Peers take whatever validly signed document an enclave presents, so that this identity has the rights of the grant.
-    Fast DDS since 2.14 counts attributes and looks each up by its type, so that a repeated one stands for others.
-    Cyclone DDS cuts names at `,`, `/` and `|` and wants every piece of the certificate's in the grant's: `/robot` has
-    the rights of `/robot/arm`, and `/arm/robot` as well. High where no chosen profile does so. Identities that no
-    enclave has count where somebody has the key and an identity CA vouches for them (KA228, KA668).
+    Peers accept any validly signed document that an enclave presents, so this identity has the rights of the grant.
+    Fast DDS since 2.14 counts attributes and looks each up by its type, so a repeated one stands for others. Cyclone
+    DDS cuts names at `,`, `/` and `|`, and looks for every piece of the certificate's name in the grant's. So `/robot`
+    has the rights of `/robot/arm`, and so has `/arm/robot`. High if no chosen profile does so. Identities that no
+    enclave has count if somebody has the key and an identity CA vouches for them (KA228, KA668).
     """
     enclaves = _identities(keystore)
     lent = [each for each in _named(keystore, context.at) if not each[-1]]
@@ -109,16 +109,16 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
     Severity.HIGH,
     "DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 2253; measured",
     decision(
-        "Write <subject_name> as the message writes the identity's subject. Where that is read "
-        f"differently too: {_SAFE_FORM}",
+        "Write <subject_name> as the message writes the identity's subject. If that is read differently, too, "
+        f"change the subject. {_SAFE_FORM}",
         Act.EDIT_PERMISSIONS,
     ),
     stops=True,
 )
 def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A grant means an identity, and some implementations do not find it: the enclave has no rights there.
+    """A grant means an identity, but some implementations do not find it: the enclave has no rights there.
 
-    Order, blanks, quotes, escapes, characters beyond ASCII and repeated attributes are read differently. High where a
+    Order, blanks, quotes, escapes, characters beyond ASCII and repeated attributes are read differently. High if a
     chosen profile does not find it, else low.
     """
     enclaves = _identities(keystore)
@@ -174,10 +174,10 @@ def _of_date(use: PermissionsUse, grant: Grant, date: Text, says: str) -> Violat
     stops=True,
 )
 def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """The grant of the enclave is past its not_after, so that it cannot start, and peers refuse it.
+    """The enclave's grant is past its not_after: the enclave cannot start, and peers refuse it.
 
-    Dates without a zone are read as UTC; Fast DDS reads every date in the zone of the machine (measured), which shifts
-    it by up to 14 hours. Sessions that run already go on where the implementation has no timer for it.
+    Dates without a zone are read as UTC. Fast DDS reads every date in the machine's zone (measured), which shifts it by
+    up to 14 hours. Running sessions go on if the implementation has no timer for them.
     """
     for grant, start, end in _dated(use):
         if start <= end < context.at:
@@ -194,7 +194,7 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     stops=True,
 )
 def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """The grant of the enclave is before its not_before, so that it cannot start, and peers refuse it.
+    """The enclave's grant is before its not_before: the enclave cannot start, and peers refuse it.
 
     A robot without a battery behind its clock may start before every not_before; that cannot be seen here.
     """
@@ -212,7 +212,7 @@ def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Viola
     applies=speaks,
 )
 def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """The grant of the enclave ends within the notice period (--expires-within, 30 days): then nothing new starts."""
+    """The enclave's grant ends within the notice period (--expires-within, 30 days): then nothing new starts."""
     for grant, start, end in _dated(use):
         if start <= end and context.at <= end and end - context.at <= context.expires_within:
             notice = f"(notice: {context.expires_within.days})"
@@ -230,8 +230,8 @@ def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violat
 def grant_outlives_certificate(use: PermissionsUse) -> Iterator[Violation]:
     """The grant ends later than the identity that it names.
 
-    The next identity of that name has its rights without anybody signing them: a signed grant cannot be taken back
-    before it ends.
+    The next identity of that name gets its rights without a new signature: a signed grant cannot be revoked before it
+    ends.
     """
     firsts = [enclave.identity for enclave in use.enclaves if enclave.identity is not None]
     ends = gathered((meant, each.not_after) for each in firsts for meant in (each.subject, *meanings(each)))
@@ -252,28 +252,28 @@ def grant_outlives_certificate(use: PermissionsUse) -> Iterator[Violation]:
     stops=True,
 )
 def validity_inverted(use: PermissionsUse) -> Iterator[Violation]:
-    """The grant ends before it begins: it is never in force. Zones count: `Z` and `+02:00` name different instants."""
+    """The grant ends before it begins, so it is never in force. Zones count: `Z` and `+02:00` differ."""
     for grant, start, end in _dated(use):
         if start > end:
             says = f"begins at {instant(start)} and ends before that, at {instant(end)}"
             yield _of_date(use, grant, grant.not_before, says)
 
 
-_CRASHES: Final = "whoever reads it, the enclave or a peer, crashes, and one signed file stops a robot."
+_CRASHES: Final = "an enclave or peer that reads it crashes, so one signed file stops a robot."
 
 
 @rule(
     "KA517",
     Severity.CRITICAL,
     facts.EMPTY_TOPIC_MEASURED,
-    decision("Find out who signed it, and take the empty element out of the .xml.", Act.EDIT),
+    decision("Find out who signed it, and remove the empty element.", Act.EDIT),
     stops=True,
 )
 def empty_topic_expression(use: DocumentUse) -> Iterator[Violation]:
-    """A <topic> or <topic_expression> is empty: implementations dereference nothing and die (measured).
+    """A <topic> or <topic_expression> is empty: implementations dereference a null pointer and crash (measured).
 
-    Permissions come from peers too, so that one document which the authority signed takes others down. What an
-    implementation without the fault makes of it is unknown.
+    Peers send permissions too, so one document that the authority signed stops others. What an implementation without
+    the fault makes of it is unknown.
     """
     yield from in_document(use, _CRASHES, Kind.EMPTY_TOPIC)
 
@@ -282,13 +282,13 @@ def empty_topic_expression(use: DocumentUse) -> Iterator[Violation]:
     "KA518",
     Severity.CRITICAL,
     facts.NO_DOMAINS_MEASURED,
-    in_permissions("Find out who signed it, and give the rule its <domains>"),
+    in_permissions("Find out who signed it, and add <domains> to the rule"),
     stops=True,
 )
 def rule_without_domains(use: PermissionsUse) -> Iterator[Violation]:
-    """A rule has no <domains>: Cyclone DDS dereferences nothing and dies (measured), Fast DDS refuses the document.
+    """A rule has no <domains>: Cyclone DDS crashes at a null pointer (measured), Fast DDS refuses the document.
 
-    Permissions come from peers too, so that one document which the authority signed takes others down.
+    Peers send permissions too, so one document that the authority signed stops others.
     """
     yield from in_document(use, _CRASHES, Kind.RULE_WITHOUT_DOMAINS)
 
@@ -297,14 +297,13 @@ def rule_without_domains(use: PermissionsUse) -> Iterator[Violation]:
     "KA521",
     Severity.CRITICAL,
     facts.EMPTY_ELEMENT_MEASURED,
-    in_permissions("Find out who signed it, and write the document anew"),
+    in_permissions("Find out who signed it, and write the document again"),
     stops=True,
 )
 def empty_element(use: PermissionsUse) -> Iterator[Violation]:
-    """The document, or the date of a grant, is empty: Fast DDS 2.9 and 2.14 dereference nothing and die (measured).
+    """The document, or the date of a grant, is empty: Fast DDS 2.9 and 2.14 crash at a null pointer (measured).
 
-    Others refuse the document. Permissions come from peers too, so that one document which the authority signed takes
-    others down.
+    Others refuse the document. Peers send permissions too, so one document that the authority signed stops others.
     """
     yield from in_document(use, _CRASHES, Kind.EMPTY_ELEMENT)
 
@@ -317,16 +316,16 @@ _DYING: Final = VARIANTS[facts.DIES_OF_LARGE_PERMISSIONS]
     Severity.MEDIUM,
     facts.HANDSHAKE_MEASURED,
     decision(
-        "Say several names by one expression, take out rules that the nodes do not use, or give the nodes "
-        "several enclaves. Then sign the documents again with the permissions CA."
+        "Use one expression for several names, remove rules that the nodes do not use, or give the nodes "
+        "several enclaves. Then sign the documents again."
     ),
 )
 def permissions_too_large(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """Certificate and permissions do not fit in a message of the handshake: on Fast DDS the enclave talks to nobody.
+    """Certificate and permissions do not fit in a handshake message: on Fast DDS the enclave talks to nobody.
 
-    High under Fast DDS 2.9, where its process ends as soon as it answers a peer's handshake (measured); where it asks
-    first, there is an error in its log alone. Other versions of Fast DDS were not asked. Cyclone DDS sends them in
-    parts (measured). How much fits depends on the kind of key: 63,000 octets with all, 63,700 with none.
+    High under Fast DDS 2.9, whose process ends when it answers a peer's handshake (measured). If it asks first, it only
+    logs an error. Other versions of Fast DDS were not measured. Cyclone DDS sends them in parts (measured). How much
+    fits depends on the kind of key: 63,000 octets with all, 63,700 with none.
     """
     for enclave in use.enclaves:
         octets = sent(enclave)
@@ -334,8 +333,8 @@ def permissions_too_large(use: PermissionsUse, context: Context) -> Iterator[Vio
         unfit = tuple(name for name, limit in limits.items() if octets > limit)
         if unfit:
             yield Violation(
-                f"{enclave.path} shows its peers {octets:,} octets of certificate and permissions; in a "
-                f"handshake of {_DYING.title} {min(limits.values()):,} fit, else it talks to nobody and dies of it.",
+                f"{enclave.path} sends peers {octets:,} octets of certificate and permissions. A handshake of "
+                f"{_DYING.title} holds {min(limits.values()):,}, else it talks to nobody and its process ends.",
                 (Location(use.signed.file.place),),
                 severity=Severity.HIGH if _DYING.name in unfit else None,
                 enclave=enclave.path,

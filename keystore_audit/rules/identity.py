@@ -42,13 +42,13 @@ def _carriers(use: CertificateUse) -> Iterator[tuple[Enclave, Certificate]]:
     "KA206",
     Severity.LOW,
     "RFC 5280, 6.1.3 (a)(2) (every certificate of a path has to be in force)",
-    mechanical("Plan with the date of the authority, or renew it before it ends.", Act.RENEW),
+    mechanical("Plan with the authority's date, or renew the authority before it ends.", Act.RENEW),
     applies=is_identity,
 )
 def certificate_outlives_its_ca(use: CertificateUse) -> Iterator[Violation]:
-    """The identity ends later than the authority that issued it, so that it is worth nothing in its last days.
+    """The identity ends later than the authority that issued it, so it is worthless in its last days.
 
-    sros2 makes it so, by the seconds between the making of the authority and of the enclave.
+    sros2 makes identities so, since it makes the authority some seconds before the enclave.
     """
     for enclave, certificate in _carriers(use):
         authorities = enclave.trusts(Role.IDENTITY_CA)
@@ -76,10 +76,10 @@ def certificate_outlives_its_ca(use: CertificateUse) -> Iterator[Violation]:
     stops=True,
 )
 def not_issued_by_identity_ca(use: CertificateUse) -> Iterator[Violation]:
-    """No certificate of the enclave's identity CA file issued its identity, so that peers refuse it.
+    """No certificate of the enclave's identity CA file issued its identity, so peers refuse it.
 
-    Names prove nothing: every authority that sros2 makes is called CN=sros2CA. The signature is verified, with the
-    authority's key. A signature that the library cannot verify leaves it open.
+    Names prove nothing: sros2 calls every authority CN=sros2CA. The signature is verified with the authority's key. If
+    the library cannot verify a signature, the question stays open.
     """
     for enclave, certificate in _carriers(use):
         file = enclave.identity_ca
@@ -111,17 +111,18 @@ def not_issued_by_identity_ca(use: CertificateUse) -> Iterator[Violation]:
     Severity.HIGH,
     f"RFC 5280, 6.1; {facts.CHAINS_MEASURED}",
     decision(
-        "Let identity_ca.cert.pem hold one self-signed certificate, that of the authority which issues the identities."
+        "Put one self-signed certificate alone into identity_ca.cert.pem: that of the authority that issues the "
+        "identities."
     ),
     applies=is_identity,
     stops=True,
 )
 def identity_refused_by_implementations(use: CertificateUse, context: Context) -> Iterator[Violation]:
-    """A certificate of the identity CA file issued the identity, and some implementations find no chain all the same.
+    """A certificate of the identity CA file issued the identity, but some implementations find no chain.
 
-    Cyclone DDS and OpenDDS read the first certificate of the file alone; Fast DDS reads all and wants a chain that ends
-    at a self-signed one, within the path lengths; of two authorities with one name OpenSSL tries the first alone.
-    High where a chosen profile refuses, else medium.
+    Cyclone DDS and OpenDDS read only the first certificate of the file. Fast DDS reads all, and wants a chain that ends
+    at a self-signed one, within the path lengths. Of two authorities with one name, OpenSSL tries only the first. High
+    if a chosen profile refuses, else medium.
     """
     for enclave, certificate in _carriers(use):
         file = enclave.identity_ca
@@ -163,9 +164,9 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
     stops=True,
 )
 def identity_without_subject(use: CertificateUse) -> Iterator[Violation]:
-    """The identity certificate has an empty subject, and Fast DDS dies when it reads it (measured, every version).
+    """The identity certificate has an empty subject, and Fast DDS crashes when it reads it (measured, every version).
 
-    No grant can name it. Peers are shown the certificate in the handshake, before they look at permissions.
+    No grant can name it. Peers see the certificate in the handshake, before they check permissions.
     """
     for enclave, certificate in _carriers(use):
         if not list(certificate.subject_name):
@@ -194,15 +195,15 @@ def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tup
     "KA231",
     Severity.MEDIUM,
     "RFC 5280, 4.2.1.9 (basicConstraints)",
-    issue_again("Issue the identity again with CA:FALSE."),
+    issue_again("Set CA:FALSE in the certificate."),
     applies=is_identity,
 )
 def identity_is_authority(use: CertificateUse) -> Iterator[Violation]:
-    """The identity certificate says CA:TRUE, so that the enclave may issue certificates as its identity CA does.
+    """The identity certificate says CA:TRUE, so the enclave may issue certificates as its identity CA does.
 
-    Measured, Fast DDS 2.9.1 and Cyclone DDS 0.10.2 refuse identities that it issued: peers are shown one certificate
-    and know the identity CA's alone. They are let in as soon as a CA file holds the enclave's certificate or a peer
-    is shown a chain. sros2 makes no such certificate.
+    Fast DDS 2.9.1 and Cyclone DDS 0.10.2 refuse identities that the enclave issued (measured): peers see one
+    certificate, and know only the identity CA's. They accept them once a CA file holds the enclave's certificate, or a
+    peer is shown a chain. No certificate from sros2 is so.
     """
     for enclave, certificate in _carriers(use):
         if certificate.is_ca:
@@ -219,16 +220,16 @@ def identity_is_authority(use: CertificateUse) -> Iterator[Violation]:
     Severity.LOW,
     "ros2/sros2, create_enclave (the enclave's path is the common name)",
     decision(
-        "If the enclave's folder was renamed, give it its old name again. Else issue another identity and "
-        "let its permissions name it, or no grant does and the enclave does not start (KA503)."
+        "Rename the enclave's folder back, if it was renamed. Else issue another identity and name it in the "
+        "permissions; if no grant names it, the enclave does not start (KA503)."
     ),
     applies=is_identity,
 )
 def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The identity's common name is not the enclave's path, as sros2 writes it.
 
-    It works, but whoever reads grants and logs looks for an enclave that is not there. Run times compare the subject
-    with the grant only. Where grants name somebody else alone, no-grant-for-certificate says what both should be.
+    It works, since run times compare only the subject with the grant. But whoever reads grants and logs looks for an
+    enclave that does not exist. If grants name only somebody else, see no-grant-for-certificate.
     """
     for enclave, certificate in _carriers(use):
         named = {grant.subject_name.text for grant in enclave.grants} or {certificate.subject}
@@ -251,7 +252,7 @@ def _shared_key(key: str, sharing: Sequence[Enclave]) -> str:
     one = len(carriers) == 1
     return (
         f"The key file{'' if one else 's'} of {paths(carriers)} hold{'s' if one else ''} the private key of "
-        f"{paths(owners)}: whoever has {'it' if one else 'one of them'} is {paths(owners)}."
+        f"{paths(owners)}: whoever has {'it' if one else 'one of them'} can act as {paths(owners)}."
     )
 
 
@@ -259,14 +260,14 @@ def _shared_key(key: str, sharing: Sequence[Enclave]) -> str:
     "KA219",
     Severity.HIGH,
     "DDS-Security 1.1, 9.3.1 (a participant's identity is its key)",
-    issue_again("Give each enclave a key and certificate of its own."),
+    issue_again("Give each enclave its own key and certificate."),
     explains=_SHARED,
 )
 def identity_shared_by_enclaves(keystore: Keystore) -> Iterator[Violation]:
-    """Enclaves have one identity key between them: whoever takes one of them is all of them.
+    """Enclaves share one identity key: whoever takes over one of them can act as all of them.
 
-    Compared are the public keys of the certificates, and those of the private keys, whatever names they go by. Where
-    only the key file is another's, the identities differ, and the property no-identity-serves-two-enclaves holds.
+    The public keys of certificates and private keys are compared, whatever their names. If only the key file is another
+    enclave's, the identities differ, and the property no-identity-serves-two-enclaves holds.
     """
     holders: dict[str, dict[str, tuple[Enclave, list[Location]]]] = {}
     for enclave in keystore.enclaves:
@@ -290,13 +291,13 @@ def identity_shared_by_enclaves(keystore: Keystore) -> Iterator[Violation]:
     "KA225",
     Severity.HIGH,
     "DDS-Security 1.1, 9.4.1.3 (a grant is bound to a subject_name, not to a key)",
-    decision("Give each identity a subject of its own.", Act.ISSUE),
+    decision("Give each identity its own subject.", Act.ISSUE),
     explains=("no-subject-serves-two-enclaves",),
 )
 def subject_shared_by_certificates(keystore: Keystore) -> Iterator[Violation]:
     """Identities with different keys have one subject, which a grant names: each may use the grants of the other.
 
-    Peers take whatever validly signed document an enclave presents (measured), so that both have the rights of both.
+    Peers accept any validly signed document that an enclave presents (measured), so both have the rights of both.
     """
     granted = {grant.subject_name.text for enclave in keystore.enclaves for grant in enclave.grants}
     holders: dict[str, dict[str, tuple[Enclave, Certificate]]] = {}
@@ -319,17 +320,17 @@ def subject_shared_by_certificates(keystore: Keystore) -> Iterator[Violation]:
     "KA228",
     Severity.HIGH,
     "DDS-Security 1.1, 9.3.1 (who has the key of a certificate is its subject); measured",
-    issue_again("Give each certificate a key of its own."),
+    issue_again("Give each certificate its own key."),
     explains=_SHARED,
 )
 def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """The key of an enclave's identity has another certificate in this keystore, by which the enclave may go as well.
+    """The key of an enclave's identity has another certificate in this keystore, which the enclave can use as well.
 
-    A second certificate in cert.pem, in a CA file or inside a message is read by no run time there, or vouches for
-    nobody, and serves whoever has the key: as another identity, with the grants of its subject, or as a signer
-    (measured on Cyclone DDS and Fast DDS). Where the identity CA of an enclave vouches for it, flows and properties
-    count it among the participants. Of one in any other file KA668 speaks, where the private key can be read. What was
-    certified elsewhere is not seen. Among its places are grants that name a further certificate that peers let in.
+    A second certificate in cert.pem, in a CA file or in a message has no effect there. Whoever has the key can use it
+    (measured on Cyclone DDS and Fast DDS): as another identity, with its subject's grants, or as a signer. If an
+    enclave's identity CA vouches for it, flows and properties count it among the participants. For certificates in
+    other files, if the private key can be read, see KA668. What was certified elsewhere is not seen. The places include
+    grants that name a further certificate which peers accept.
     """
     joining = {identity.certificate.sha256 for identity in unmanaged_identities(keystore, context.at)}
     again = list(certified_again(keystore))

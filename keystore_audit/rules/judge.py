@@ -242,8 +242,8 @@ def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str
 def _marked(found: Iterable[_Found], meanings: Meanings) -> list[_Marked]:
     """What was found, each with a fingerprint of its own.
 
-    Those that nothing tells apart are numbered, with how many there are: were one of them mended, the rest would
-    otherwise take its place, and with it whoever accepted it.
+    Those that nothing tells apart are numbered, with how many there are. Otherwise, if one of them were fixed, another
+    would take its place, and its suppression.
     """
     ordered = sorted(_once(found), key=lambda item: _order(*item))
     marks = [_fingerprint(*item) for item in ordered]
@@ -296,8 +296,9 @@ def _order(rule: Rule[Any], violation: Violation) -> tuple[object, ...]:
 
 
 def _causes(violated: _Marked, marked: Sequence[_Marked], fleets: Sequence[Profile]) -> tuple[str, ...]:
-    """Of a violated property, the findings that explain it under what some enclave runs in a fleet on a profile of its
-    own (no profiles: all of them).
+    """The findings that explain a violated property, under what some enclave runs in a fleet on one of its profiles.
+
+    If it names no profiles, all findings that are about it.
     """
     rule, profiles = violated.rule, {each.name for each in at_work(fleets, violated.violation.profiles)}
     if rule.family != OF_PROPERTIES:

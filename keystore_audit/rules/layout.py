@@ -25,7 +25,7 @@ READ_ALL: Final = outside("Run the audit as a user who may read the whole keysto
 _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do anything"
 
 _BRING_IN: Final = decision(
-    "Audit the whole keystore, if this is one enclave of it; else copy the file into the keystore, or let the link end "
+    "Audit the whole keystore, if this is one enclave of it. Else copy the file into the keystore, or let the link end "
     "within it."
 )
 
@@ -39,8 +39,7 @@ _BRING_IN: Final = decision(
 def link_leaves_keystore(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is a link out of the keystore.
 
-    What it leads to is no part of what is audited and was not read; a robot reads it, so that the enclave may be able
-    to do anything.
+    Its target is not part of the audit and was not read. A robot reads it, so the enclave may be able to do anything.
     """
     for file in in_state(enclave.files.for_run_time, Status.OUTSIDE):
         remedy = LINK_AGAIN if is_linked(enclave, file) else None
@@ -51,15 +50,15 @@ def link_leaves_keystore(enclave: Enclave) -> Iterator[Violation]:
     "KA120",
     Severity.MEDIUM,
     RUN_TIME_FILES,
-    decision("Let the link lead there from where it stands, without a path of this machine, as sros2's links do."),
+    decision("Use a relative link that stays inside the keystore, as sros2 does."),
 )
 def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A link to a file of the keystore goes by where the keystore lies: by an absolute path, or out of it and back.
+    """A link to a file of the keystore is an absolute path, or leads out of the keystore and back.
 
-    So may one that another link leads over, as all enclaves' do over enclaves/governance.p7s. It holds as long as the
-    keystore stays there. In a copy, as on a robot, it leads nowhere, and the enclave does not start, or to what lies at
-    that path of the robot, which was not audited. High in a tree that goes on a robot (--deployed); where this is the
-    robot, and the keystore in its place, nothing is wrong, which cannot be seen.
+    A link that other links lead over counts too, as all enclaves' links lead over enclaves/governance.p7s. It works
+    only while the keystore stays in this place. In a copy, as on a robot, it leads nowhere, so the enclave does not
+    start, or to a file that was not audited. High in a tree that goes on a robot (--deployed). If this is the robot and
+    the keystore is in its place, nothing is wrong; that cannot be seen.
     """
     own = {file.path: (file, enclave) for enclave in keystore.enclaves for file in enclave.files.for_run_time}
     shared = {file.path: (file, None) for file in keystore.layout.authorities}
@@ -71,8 +70,8 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
         told.add(place)
         of = enclave if place == path else None  # else a link that several may go over
         yield Violation(
-            f"{place} links to {shorten(target, MAX_QUOTED)}: that is {file.place} as long as the keystore "
-            "lies here, and another file or none where it is copied.",
+            f"{place} links to {shorten(target, MAX_QUOTED)}: that is {file.place} only while the keystore "
+            "lies here; in a copy it is another file or none.",
             (Location(place),),
             enclave=of.path if of else None,
             severity=Severity.HIGH if context.deployed else None,
@@ -85,14 +84,14 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
     "KA104",
     Severity.HIGH,
     _UNREAD,
-    decision("Name the directory that it leads into with `--root DIR`, or put its content in the place of the link."),
+    decision("Name the link's target directory with `--root DIR`, or replace the link by its content."),
 )
 def directory_link_not_followed(keystore: Keystore) -> Iterator[Violation]:
-    """A link leads out of the keystore, from where enclaves may be.
+    """A link at a place where enclaves may be leads out of the keystore.
 
-    A robot follows it, and nobody here looks there: it is taken for one to a directory, unless a run time reads it as a
+    A robot follows it, but this audit does not. It is taken for a link to a directory, unless a run time reads it as a
     file of an enclave. Links to directories of the keystore, and into those that `--root` names, are followed as a
-    robot does: two paths to one folder are two enclaves of one identity, unless settings call one an alias.
+    robot does. Two paths to one folder are two enclaves of one identity, unless settings call one an alias.
     """
     for file in keystore.layout.directory_links:
         yield Violation(
@@ -106,13 +105,13 @@ def directory_link_not_followed(keystore: Keystore) -> Iterator[Violation]:
     "KA105",
     Severity.HIGH,
     _UNREAD,
-    decision("Put a regular file in its place."),
+    decision("Replace it by a regular file."),
     stops=True,
 )
 def not_a_regular_file(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is a pipe, a device or a socket.
 
-    It is not opened: reading could hang, or give other bytes to each reader.
+    It is not opened: reading could hang, or give different bytes to each reader.
     """
     for file in in_state(enclave.files.for_run_time, Status.SPECIAL):
         yield about(enclave, file, f"{file_name(file)} was not read: {file.detail}.", undecided=True)
@@ -122,10 +121,10 @@ def not_a_regular_file(enclave: Enclave) -> Iterator[Violation]:
     "KA106",
     Severity.HIGH,
     _UNREAD,
-    decision("Find out what the file is: those of a keystore have some kilobytes."),
+    decision("Find out what the file is; keystore files have a few kilobytes."),
 )
 def file_too_large(enclave: Enclave) -> Iterator[Violation]:
-    """A run-time file is over 4 MB, or all files together over their limit. A robot may read it all the same."""
+    """A run-time file is over 4 MB, or all files together are over their limit. A robot may still read it."""
     for file in in_state(enclave.files.for_run_time, Status.TOO_LARGE):
         yield about(enclave, file, f"{file_name(file)} {file.detail}.", undecided=True)
 
@@ -137,9 +136,9 @@ def file_too_large(enclave: Enclave) -> Iterator[Violation]:
     READ_ALL,
 )
 def unreadable(keystore: Keystore) -> Iterator[Violation]:
-    """A run-time file or a directory could not be read, for want of permission or by an error of the file system.
+    """A run-time file or a directory could not be read: permission was denied, or the file system failed.
 
-    Of other files see KA121.
+    For other files, see KA121.
     """
     for directory in keystore.layout.unreadable_directories:
         yield Violation(
@@ -157,7 +156,7 @@ def unreadable(keystore: Keystore) -> Iterator[Violation]:
     Severity.MEDIUM,
     "DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (the signed document counts); measured: the .xml is never read",
     decision(
-        "If the .xml says what is meant, sign it. Else put the signed text in its place: `openssl smime "
+        "Sign the .xml if it says what is meant. Else replace it by the signed text: `openssl smime "
         "-verify -noverify -text -in FILE.p7s` prints it.",
         Act.SIGN,
     ),
@@ -166,8 +165,8 @@ def unreadable(keystore: Keystore) -> Iterator[Violation]:
 def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """The .xml beside a signed document says something else: what is reviewed is not what runs.
 
-    Compared after turning CRLF into LF, since S/MIME changes line ends. Whether the difference changes the meaning is
-    not judged. A document that the permissions CA did not sign is the business of KA3.
+    Compared after turning CRLF into LF, since S/MIME changes line ends. Whether the meaning differs is not judged. For
+    a document that the permissions CA did not sign, see KA3.
     """
     role = Role.GOVERNANCE if isinstance(use, GovernanceUse) else Role.PERMISSIONS
     layout = context.keystore.layout
@@ -197,13 +196,13 @@ def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Vi
     "KA122",
     Severity.INFO,
     "ROS 2 design, ROS 2 security enclaves (what run times read is signed); measured: the .xml is never read",
-    decision("Keep governance.xml and permissions.xml where documents are signed; robots need the .p7s alone."),
+    decision("Keep governance.xml and permissions.xml where documents are signed; robots need only the .p7s."),
 )
 def unsigned_document_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """governance.xml or permissions.xml, from which the signed documents are made, lies in the tree.
 
-    A note where keystores are made, low in a tree that goes on a robot (--deployed): nothing there reads them, and
-    whoever looks at them in place of what is signed may be shown something else (KA110).
+    A note where keystores are made, low in a tree that goes on a robot (--deployed). No run time reads them there.
+    Whoever reviews them may see something other than what is signed (KA110).
     """
     own = (file for enclave in keystore.enclaves for file in enclave.files.unsigned.values())
     found = sorted({file.place for file in (*own, keystore.layout.unsigned_governance) if file is not None})
@@ -234,12 +233,13 @@ def _first_difference(unsigned: bytes | None, signed: bytes | None) -> int | Non
 def pkcs11_reference(enclave: Enclave) -> Iterator[Violation]:
     """A .p11 file refers to a token.
 
-    Fast DDS takes it before the .pem file; what is on the token cannot be read here. Cyclone DDS reads the .pem file.
+    Fast DDS reads it before the .pem file, and the token's content cannot be read here. Cyclone DDS reads the .pem
+    file.
     """
     for role, file in enclave.files.pkcs11.items():
         yield Violation(
-            f"{facts.READS_PKCS11} {file_name(file)} in place of {role.value}.pem, and what is on the "
-            "token that it names could not be read here.",
+            f"{facts.READS_PKCS11} {file_name(file)} in place of {role.value}.pem, and the token's "
+            "content could not be read here.",
             (Location(file.path),),
             profiles=facts.PKCS11_FIRST,
             undecided=True,
@@ -251,14 +251,14 @@ def pkcs11_reference(enclave: Enclave) -> Iterator[Violation]:
     Severity.MEDIUM,
     "ros2/sros2, keystore layout (public/, private/, enclaves/)",
     outside(
-        "Restore what is missing from the keystore that this one was copied from; `ros2 security "
-        "create_keystore` would make new authorities."
+        "Restore what is missing from the original keystore; `ros2 security create_keystore` would make new "
+        "authorities."
     ),
 )
 def incomplete_keystore(keystore: Keystore) -> Iterator[Violation]:
-    """Parts of the keystore are missing though it has enclaves: a creation that died half-way, or half a copy.
+    """Parts of the keystore are missing though it has enclaves, as after an interrupted creation or half a copy.
 
-    The private keys of the authorities are not among the parts: they do not belong on a robot.
+    The private keys of the authorities do not count: they do not belong on a robot.
     """
     if keystore.layout.expected:
         yield Violation(
@@ -276,18 +276,20 @@ _MAX_NAME: Final = 255
     "KA113",
     Severity.MEDIUM,
     "rcl, rcl_validate_enclave_name; ROS 2 design, topic and service names",
-    decision("Make the enclave again under a name of letters, digits and underscores that begins with no digit."),
+    decision(
+        "Create the enclave again, with a name of letters, digits and underscores that does not begin with a digit."
+    ),
 )
 def enclave_name_not_ros(enclave: Enclave) -> Iterator[Violation]:
-    """The directory's name is no ROS 2 name, so that no node can ask for this enclave by it.
+    """The directory's name is no ROS 2 name, so no node can ask for this enclave by it.
 
-    It may be a typing error, or be there to mislead. ROS_SECURITY_ENCLAVE_OVERRIDE is not validated and reaches it, and
-    DDS asks no names of enclaves: whoever has its files can use it.
+    It may be a typing error, or meant to mislead. ROS_SECURITY_ENCLAVE_OVERRIDE is not validated, and reaches it. DDS
+    asks no names of enclaves: whoever has its files can use it.
     """
     if not is_path(enclave.path) or len(enclave.path) > _MAX_NAME:
         yield Violation(
-            f"{quoted(enclave.path)} is no enclave name (expected letters, digits and underscores, no digit "
-            f"first, at most {_MAX_NAME} in all): no node can ask for it by name.",
+            f"{quoted(enclave.path)} is no enclave name: no node can ask for it. Expected are letters, digits "
+            f"and underscores, no digit first, at most {_MAX_NAME} in all.",
             (Location(enclave.files.directory),),
         )
 
@@ -296,14 +298,14 @@ def enclave_name_not_ros(enclave: Enclave) -> Iterator[Violation]:
     "KA114",
     Severity.LOW,
     "ros2/sros2, keystore layout (an enclave is a directory)",
-    decision("Give one of the enclaves another name."),
+    decision("Rename one of the enclaves."),
 )
 def enclave_names_differ_by_case(keystore: Keystore) -> Iterator[Violation]:
-    """Enclaves differ in nothing but case: on a file system that ignores case they are one directory."""
+    """Enclaves differ only in case: on a file system that ignores case they are one directory."""
     for alike in grouped(keystore.enclaves, lambda enclave: enclave.files.directory.casefold()).values():
         if len(alike) > 1:
             yield Violation(
-                f"The names of {paths(alike)} differ in nothing but case.",
+                f"The names of {paths(alike)} differ only in case.",
                 tuple(Location(enclave.files.directory) for enclave in alike),
             )
 
@@ -313,13 +315,13 @@ def enclave_names_differ_by_case(keystore: Keystore) -> Iterator[Violation]:
     Severity.LOW,
     "REP 2000 (Ardent to Eloquent are past their end of life)",
     decision(
-        "Make the keystore again with a supported distribution: `ros2 security create_keystore KEYSTORE`, "
-        f"and for every enclave {CREATE_ENCLAVE}. Or give a copy of it the layout since Foxy: public/, "
-        "private/, enclaves/, and links in every enclave."
+        "Create the keystore again with a supported distribution: `ros2 security create_keystore KEYSTORE`, "
+        f"and for every enclave {CREATE_ENCLAVE}. Or give a copy the layout since Foxy: public/, private/, "
+        "enclaves/, and links in every enclave."
     ),
 )
 def deprecated_layout(keystore: Keystore) -> Iterator[Violation]:
-    """The layout is that of a distribution which nobody supports: no run time since Foxy finds enclaves in it."""
+    """The layout is that of an unsupported distribution: no run time since Foxy finds enclaves in it."""
     wrote = {LayoutKind.FLAT: "Crystal, Dashing and Eloquent", LayoutKind.ARDENT: "Ardent and Bouncy"}
     distributions = wrote.get(keystore.layout.kind)
     if distributions is not None:

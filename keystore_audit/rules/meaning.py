@@ -1,10 +1,10 @@
 """What findings are about, as digests: who accepts a finding accepts that, and nothing that comes later.
 
-A fingerprint says which finding it is, its meaning what the files said then, as they were parsed: without lines and
+A fingerprint says which finding it is. Its meaning is what the files said then, as they were parsed: without lines and
 layout, and of dates only whether they have come. So signing again, reformatting and renewing with the same key change
 nothing. A finding of KA1 to KA5 is about what stands at its places. One of KA6 to KA8 is about all that the answer may
-rest on: every document, certificate, revocation list and file of no enclave, the scope and the assumptions; that of a
-property also about what violates it.
+rest on. That is every document, certificate, revocation list and file of no enclave, the scope and the assumptions. A
+property's finding is also about what violates the property.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ class Meanings:
                 file = read.signed.file if isinstance(read, (GovernanceFile, PermissionsFile)) else read.file
                 found[file.path] = found[file.place] = self._read(read)
         for enclave in keystore.enclaves:
-            if enclave.permissions is not None:  # what it gives hangs on who carries it, and where
+            if enclave.permissions is not None:  # what it gives depends on who carries it, and where
                 file = enclave.permissions.signed.file
                 found[file.path] = found[file.place] = f"{found[file.place]}\0{self._holder(enclave, found)}"
         return found

@@ -35,17 +35,17 @@ def _ends(process: Process) -> tuple[Endpoint, ...]:
     "KA801",
     Severity.CRITICAL,
     facts.ROUTED_TLS,
-    outside("Set transport/link/tls/enable_mtls to true, and take enable_mtls=false out of the endpoint."),
+    outside("Set transport/link/tls/enable_mtls to true, and remove enable_mtls=false from the endpoint."),
 )
 def link_without_mutual_authentication(process: Process) -> Iterator[Violation]:
-    """A process takes links by TLS from whoever connects, with any certificate or none.
+    """A process accepts TLS links from anybody, with any certificate or none.
 
-    Nobody has to prove an identity, so that no rule about a certificate's name applies to such a link, and what is
-    allowed to anybody is allowed to the whole network. The fragment of an endpoint wins over the section (measured).
+    Nobody has to prove an identity, so no rule about a certificate's name applies to such a link. What anybody may do,
+    the whole network may do. The fragment of an endpoint wins over the section (measured).
     """
     open_ends = [end for end in process.says.listens if end.protocol in SECURED and not process.says.mutual(end)]
     if open_ends and process.says.starts:
-        message = f"{process.name} takes links on {quoted(open_ends[0].text)} without a certificate of the other end"
+        message = f"{process.name} accepts links on {quoted(open_ends[0].text)} without a certificate of the other end"
         yield found(process, f"{message}{more_like(open_ends)}.", *(end.line for end in open_ends))
 
 
@@ -53,13 +53,13 @@ def link_without_mutual_authentication(process: Process) -> Iterator[Violation]:
     "KA802",
     Severity.CRITICAL,
     facts.ROUTED_LINKS,
-    outside('Use tls endpoints alone, and set transport/link/protocols to ["tls"], so that no other one starts.'),
+    outside('Use only tls endpoints, and set transport/link/protocols to ["tls"], so that no other one starts.'),
 )
 def plain_endpoint(process: Process) -> Iterator[Violation]:
     """A process has an endpoint without TLS: whoever reaches it has a link without an identity, and reads along.
 
-    Where no endpoint is said the defaults count, which are plain and on every interface. On the loopback interface
-    alone, whoever has a process on the host can do so: high.
+    If no endpoint is set, the defaults count: plain, and on every interface. On the loopback interface alone, only
+    processes on the host can do so: high.
     """
     plain = [end for end in _ends(process) if end.protocol in PROTOCOLS and end.protocol not in SECURED]
     plain = [end for end in plain if not end.multicast]
@@ -73,12 +73,12 @@ def plain_endpoint(process: Process) -> Iterator[Violation]:
     "KA803",
     Severity.CRITICAL,
     facts.ROUTED_LINKS,
-    outside("Take the multicast endpoint out."),
+    outside("Remove the multicast endpoint."),
 )
 def multicast_link(process: Process) -> Iterator[Violation]:
-    """A process has a UDP multicast endpoint: no access control is applied to such links, in either direction.
+    """A process has a UDP multicast endpoint, and no access control applies to such links in either direction.
 
-    Whoever hears the group reads all, and whatever is sent there is taken (measured).
+    Whoever hears the group reads everything, and whatever is sent there is accepted (measured).
     """
     ends = [end for end in _ends(process) if end.multicast]
     if ends:
@@ -95,8 +95,9 @@ def multicast_link(process: Process) -> Iterator[Violation]:
 def plain_link_to_whom_announces(process: Process) -> Iterator[Violation]:
     """A peer with TLS connects without TLS to whoever announces a plain address to it (measured).
 
-    Peers connect to all that they hear of: by gossip, to whoever has a link to the router; by multicast, to anybody on
-    the network, critical. Over such a link nobody has an identity. Which protocols may be used at all is said apart.
+    Peers connect to all that they hear of. Gossip tells them of whoever has a link to the router. Multicast tells them
+    of anybody on the network: critical. Over such a link nobody has an identity. A separate setting says which
+    protocols may be used.
     """
     says = process.says
     if says.starts and says.seeks and says.plain and any(end.protocol in SECURED for end in _ends(process)):
@@ -112,17 +113,17 @@ def plain_link_to_whom_announces(process: Process) -> Iterator[Violation]:
     Severity.HIGH,
     facts.ROUTED_TLS,
     outside(
-        "Issue certificates with the address or the DNS name as subject alternative name to whoever listens, and leave "
+        "Give each listener a certificate with its address or DNS name as subject alternative name, and leave "
         "transport/link/tls/verify_name_on_connect at true."
     ),
 )
 def router_not_verified(process: Process, context: Context) -> Iterator[Violation]:
-    """Whoever connects does not check whom it reached: each enclave can play the router, or any other listener.
+    """A process does not check whom it reached: each enclave can play the router, or any other listener.
 
-    So can the holder of any certificate that a public authority made, since those are always trusted beside the CA of
-    the keystore. Where a process denies by default and its rules go by names alone, whoever answers has the rights of
-    his own name (measured), and can keep others' data away: low. Certificates as sros2 makes them have no alternative
-    name: with the check no link comes about, medium.
+    So can the holder of any certificate from a public authority, since those are always trusted beside the keystore's
+    CA. Low if the process denies by default and its rules go only by names: whoever answers then has the rights of its
+    own name (measured). It can still withhold others' data. sros2's certificates have no alternative name: with the
+    check there is no link, medium.
     """
     secured = [end for end in _ends(process) if end in process.says.connects and end.protocol in SECURED]
     unchecked = [end for end in secured if process.says.tls(end, "verify_name_on_connect")[0] is False]
@@ -139,7 +140,7 @@ def router_not_verified(process: Process, context: Context) -> Iterator[Violatio
         if any(fits(end, their).may for end in checked for their in each.says.listens)
     ]
     if nameless:
-        message = f"{process.name} checks the names of certificates without any, {listed(nameless)}: it has no link."
+        message = f"{process.name} checks names, but these certificates have none: {listed(nameless)}. It gets no link."
         yield found(process, message, checked[0].line, severity=Severity.MEDIUM, key="nameless")
 
 
@@ -150,9 +151,9 @@ def router_not_verified(process: Process, context: Context) -> Iterator[Violatio
     outside("Set transport/link/tls/close_link_on_expiration to true."),
 )
 def link_outlives_certificate(process: Process) -> Iterator[Violation]:
-    """A link stays when the certificate of its other end has ended: whoever is connected stays connected.
+    """A link outlives the certificate of its other end: whoever is connected stays connected.
 
-    There is no revocation, so that dates are the only end of a key that was lost (measured on both ends of a link).
+    There is no revocation, so dates are the only end of a lost key (measured on both ends of a link).
     """
     secured = [end for end in _ends(process) if end.protocol in SECURED]
     lasting = [end for end in secured if process.says.tls(end, "close_link_on_expiration")[0] is not True]
@@ -165,17 +166,17 @@ def link_outlives_certificate(process: Process) -> Iterator[Violation]:
     "KA814",
     Severity.HIGH,
     facts.ROUTED_TLS,
-    outside("Issue all identities anew under another CA, and name that as root_ca_certificate."),
+    outside("Issue all identities again under another CA, and name that as root_ca_certificate."),
 )
 def links_never_revoked(process: Process) -> Iterator[Violation]:
-    """The enclave has a crl.pem, and no link is ever refused for it: the middleware knows no revocation.
+    """The enclave has a crl.pem, but no link is ever refused for it: the middleware knows no revocation.
 
     The generator finds the list and writes nothing of it; a field `crl` is refused (measured).
     """
     crl = process.owner.crl if process.owner is not None else None
     revoked = sum(len(each.revoked) for each in crl.revocation_lists) if crl is not None else 0
     if crl is not None and revoked:
-        message = f"{crl.file.place} revokes {revoked} certificates, and {process.name} takes them all the same."
+        message = f"{crl.file.place} revokes {revoked} certificates, but {process.name} still accepts them."
         yield found(process, message, process.says.tls(None, CERTIFICATES[0])[1])
 
 
@@ -183,12 +184,12 @@ def links_never_revoked(process: Process) -> Iterator[Violation]:
     "KA815",
     Severity.HIGH,
     facts.ROUTED_TLS,
-    outside("Name identity_ca.cert.pem of the keystore, with the one CA that makes identities."),
+    outside("Name the keystore's identity_ca.cert.pem, which holds only the CA that issues identities."),
 )
 def other_roots_trusted(process: Process, context: Context) -> Iterator[Violation]:
-    """A process trusts another CA than the enclave's identity CA, or several: whoever holds one of these keys is in.
+    """A process trusts another CA than the enclave's identity CA, or several: whoever holds one of their keys is in.
 
-    All that stand in the file are trusted; that one has ended or is no CA does not count (measured).
+    All certificates in the file are trusted, even one that has ended or is no CA (measured).
     """
     said, line = process.says.tls(None, CERTIFICATES[0])
     named = context.network.named if context.network is not None and isinstance(said, str) else None
@@ -199,19 +200,19 @@ def other_roots_trusted(process: Process, context: Context) -> Iterator[Violatio
     others = [each.subject for each in read.certificates if each.sha256 not in own]
     if others or len(read.certificates) > 1:
         what = f"trusts {listed(others)}" if others else f"trusts {len(read.certificates)} authorities"
-        yield found(process, f"{process.name} {what} to make identities.", line)
+        yield found(process, f"{process.name} {what} to issue identities.", line)
 
 
 @rule(
     "KA816",
     Severity.CRITICAL,
     facts.ROUTED_TLS,
-    outside("Name the enclave's own key.pem beside its cert.pem; take the CA's key off the robot."),
+    outside("Name the enclave's own key.pem beside its cert.pem, and remove the CA's key from the robot."),
 )
 def key_of_another(process: Process, context: Context) -> Iterator[Violation]:
-    """A file names the private key of a CA, with which its process could make any identity.
+    """A file names the private key of a CA, with which its process can issue any identity.
 
-    Where it is the key of another enclave than the certificate's, the process does not start (measured): high.
+    High if it is the key of another enclave than the certificate's: the process then does not start (measured).
     """
     for name in KEYS:
         said, line = process.says.tls(None, name)
@@ -221,7 +222,7 @@ def key_of_another(process: Process, context: Context) -> Iterator[Violation]:
         if there and owner is None:
             yield found(process, f"{name} is the private key of a CA, {quoted(f'{said}')}.", line, key=name)
         elif there and owner is not process.owner:
-            message = f"{name} is the key of {owner.path if owner is not None else ''}, and the certificate is not."
+            message = f"{name} is the key of {owner.path if owner is not None else ''}, but the certificate is not."
             yield found(process, message, line, severity=Severity.HIGH, key=name)
 
 
@@ -229,20 +230,20 @@ def key_of_another(process: Process, context: Context) -> Iterator[Violation]:
     "KA817",
     Severity.HIGH,
     facts.ROUTED_TLS,
-    outside("Name cert.pem and identity_ca.cert.pem of the enclave in the keystore, with a key that TLS 1.3 takes."),
+    outside("Name the enclave's cert.pem and identity_ca.cert.pem in the keystore, with a key that TLS 1.3 accepts."),
 )
 def certificate_of_no_use(process: Process, context: Context) -> Iterator[Violation]:
-    """A file names a certificate that is not in the keystore, or with which no link comes about.
+    """A file names a certificate that is not in the keystore, or that makes no link.
 
-    Keys of P-256, P-384, Ed25519 and RSA of 2048 bits do, P-521 and RSA of 1024 do not; an extended key usage has to
-    be of both a client and a server (measured). Whose a certificate is that is not here cannot be told.
+    Keys of P-256, P-384, Ed25519 and RSA with 2048 bits work; P-521 and RSA with 1024 do not. An extended key usage has
+    to name both client and server (all measured). The owner of a certificate that is not here is unknown.
     """
     network = context.network
     for name in CERTIFICATES if network is not None else ():
         said, line = process.says.tls(None, name)
         read = network.named.certificates_at(said) if network is not None and isinstance(said, str) else None
         if isinstance(said, str) and read is None:
-            message = f"{name} is {quoted(said)}, and the keystore has no such file."
+            message = f"{name} is {quoted(said)}, but the keystore has no such file."
             yield found(process, message, line, undecided=True, key=name)
         elif read is not None and read.first is not None and name != CERTIFICATES[0]:
             usable, why = usability(read.first, context.at, CONNECTING, LISTENING)
@@ -254,12 +255,12 @@ def certificate_of_no_use(process: Process, context: Context) -> Iterator[Violat
     "KA820",
     Severity.HIGH,
     facts.ROUTED_FILES,
-    outside("Write the file as the releases on the robot read it."),
+    outside("Write the file as the robot's releases read it."),
 )
 def configuration_refused(process: Process, context: Context) -> Iterator[Violation]:
-    """A process does not start with its file: a name twice or unknown, a wrong value, or an expression that is none.
+    """A process does not start with its file: a repeated or unknown name, a wrong value, or an invalid expression.
 
-    What only some of the releases that are judged refuse starts elsewhere.
+    A file that only some of the judged releases refuse starts elsewhere.
     """
     asked = {version for release in context.releases for version in release.asked}
     refusals = [each for each in process.says.refusals if not each.releases or asked.intersection(each.releases)]
@@ -274,12 +275,12 @@ def configuration_refused(process: Process, context: Context) -> Iterator[Violat
     "KA825",
     Severity.CRITICAL,
     facts.ROUTED_PAGE,
-    outside("Keep keys and passwords in files of their own that only the robot's user reads, and replace these."),
+    outside("Keep keys and passwords in separate files that only the robot's user can read, and replace these."),
 )
 def secret_in_configuration(process: Process) -> Iterator[Violation]:
     """A configuration holds a private key or a password, which whoever reads the file has.
 
-    What it is stands in no report.
+    No report shows it.
     """
     if process.says.secrets or process.holds_key:
         yield found(process, f"{process.path} holds a private key or a password.", *process.says.secrets)
@@ -289,13 +290,13 @@ def secret_in_configuration(process: Process) -> Iterator[Violation]:
     "KA826",
     Severity.HIGH,
     facts.ROUTED_PAGE,
-    outside("Write it as JSON5, have the files of all processes in the folder, and do without what is not known."),
+    outside("Write the files as JSON5, put those of all processes into the folder, and avoid what is not known here."),
 )
 def network_unclear(network: Network) -> Iterator[Violation]:
-    """Something of the network is not known here, so that nothing is denied for certain.
+    """Something of the network is not known here, so nothing is denied for certain.
 
-    Files in YAML, plugins and bridges, links that are no hosts and ports, names and passwords, several addresses of one
-    endpoint, namespaces, and processes that connect to where none of the folder listens.
+    Not known are YAML files, plugins and bridges, links that are no hosts and ports, names and passwords, and several
+    addresses of one endpoint. So are namespaces, and processes that connect to where nobody in the folder listens.
     """
     for place, why in rights_in(network).doubts:
         yield Violation(f"Cannot be told: {why}.", (place,), undecided=True, key=why)
@@ -309,13 +310,13 @@ def _environment(_keystore: Network, context: Context) -> Environment | None:
     "KA827",
     Severity.HIGH,
     facts.ROUTED_FILES,
-    outside(f"Write it into the files, and leave {CONFIGURATION} out."),
+    outside(f"Write the values into the files, and remove {CONFIGURATION}."),
     of=_environment,
 )
 def configuration_overridden(environment: Environment) -> Iterator[Violation]:
-    """A variable replaces values of every file after it was read: with it, access control can be switched off.
+    """A variable replaces values of every file after it was read: it can switch access control off.
 
-    What it makes of the files is not worked out.
+    What it changes in the files is not worked out.
     """
     if environment.value(CONFIGURATION):
         place = environment.place(CONFIGURATION)

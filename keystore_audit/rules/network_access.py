@@ -32,8 +32,8 @@ NAMED: Final = (
     f"`keystore-audit suggest KEYSTORE --as {facts.NETWORK_FORM} --router PATH -o DIR` writes files that hold."
 )
 BY_HAND: Final = (
-    "All sessions are clients of one router then, whose rules name certificates (without a router: --listen). By hand: "
-    "in every file, give policies subjects with cert_common_names, for what comes in and for what goes out."
+    "All sessions are then clients of one router, whose rules name certificates (without a router: --listen). By hand: "
+    "give policies subjects with cert_common_names in every file, for both directions."
 )
 
 
@@ -46,8 +46,8 @@ BY_HAND: Final = (
 def no_access_control(process: Process) -> Iterator[Violation]:
     """A process has no access control: whoever has a link to it may do anything with it.
 
-    `enabled` left out is false, whatever else the section says (measured). A router without any passes on whatever
-    comes, and whoever is behind it sees the router alone.
+    `enabled` left out means false, whatever else the section says (measured). A router without access control passes on
+    whatever comes, and whoever is behind it sees only the router.
     """
     says = process.says
     if says.starts and says.access is None and says.whole is not None and not says.undecided:
@@ -64,7 +64,7 @@ def no_access_control(process: Process) -> Iterator[Violation]:
     outside("Set default_permission to deny, and allow what is needed."),
 )
 def default_is_allow(process: Process) -> Iterator[Violation]:
-    """What no rule of a process is about is allowed, and so are messages wider than a rule that denies."""
+    """A process allows what none of its rules is about, and messages wider than a rule that denies."""
     access = process.says.access
     if access is not None and access.allows and process.says.starts:
         yield found(process, f"{process.name} allows what no rule is about.", access.default_line)
@@ -74,13 +74,13 @@ def default_is_allow(process: Process) -> Iterator[Violation]:
     "KA806",
     Severity.HIGH,
     facts.ROUTED_ACCESS,
-    outside("Deny by default, and allow to subjects by name what each may do, rather than deny some of it."),
+    outside("Deny by default, and allow each named subject what it needs."),
 )
 def deny_rule_evaded(process: Process) -> Iterator[Violation]:
-    """A rule that denies does not: with default allow, a message about a wider expression is none of its own.
+    """A deny rule can be evaded: with default allow, it does not apply to a message about a wider expression.
 
-    A put on `**` reaches a subscriber of what is denied, and a subscriber of `**` gets it (measured). With default deny
-    the rule is void for whoever is another subject as well, which allows: medium.
+    A put on `**` reaches a subscriber of what is denied, and a subscriber of `**` gets it (measured). With default
+    deny, the rule is void for a process that is also another subject, which has an allow rule: medium.
     """
     access = process.says.access
     if access is None or not process.says.starts:
@@ -95,7 +95,9 @@ def deny_rule_evaded(process: Process) -> Iterator[Violation]:
         )
     void = [each for each in denying if not access.allows and _is_void(access, each)]
     if void:
-        message = f"The rule {quoted(void[0].name)} of {process.name} is void for whoever is another subject as well."
+        message = (
+            f"The rule {quoted(void[0].name)} of {process.name} is void for a process that is another subject as well."
+        )
         yield found(process, message, *(each.line for each in void), severity=Severity.MEDIUM, key="void")
 
 
@@ -127,16 +129,16 @@ def _properties(subject: Subject) -> tuple[str | None, ...]:
     outside(NAMED, BY_HAND),
 )
 def anybody_may_send(process: Process) -> Iterator[Violation]:
-    """A policy lets a subject send that nobody has to prove to be.
+    """A policy lets a subject send that proves no identity.
 
-    It has no property at all, or an interface, a protocol or an id, which whoever connects chooses. Files that
-    zenoh_security_tools makes have none but such: they restrain whoever starts with them, and nobody else.
+    The subject has no property, or only an interface, a protocol or an id, which every connecting process chooses.
+    Files from zenoh_security_tools have only such subjects. They restrain whoever starts with them, and nobody else.
     """
     rules = _of_anybody(process, *_TAKEN)
     if rules:
         keys = [text for rule in rules for text, _line in rule.keys]
         kinds = sorted({kind.value for rule in rules for kind in _TAKEN if rule.is_about(kind, Flow.INGRESS)})
-        message = f"{process.name} takes {listed(kinds)} on {listed(dict.fromkeys(keys))} from anybody."
+        message = f"{process.name} accepts {listed(kinds)} on {listed(dict.fromkeys(keys))} from anybody."
         yield found(process, message, *(rule.line for rule in rules), key=f"{sorted(keys)}")
 
 
@@ -155,14 +157,14 @@ def _of_anybody(process: Process, *kinds: Kind) -> Sequence[Written]:
     outside(NAMED, BY_HAND),
 )
 def graph_from_anybody(process: Process) -> Iterator[Violation]:
-    """A policy lets a subject that nobody has to prove to be announce nodes: what ROS tools list can be made up.
+    """A policy lets a subject that proves no identity announce nodes: ROS tools may list invented nodes.
 
-    The graph is what liveliness tokens say (`@ros2_lv`, measured). Data is not let in by them, so that nodes do what
-    they do; people and tools that look for a node, or wait for one, are misled.
+    The graph is what liveliness tokens say (`@ros2_lv`, measured). Tokens let no data in, so nodes work as before.
+    People and tools that look for a node, or wait for one, are misled.
     """
     rules = _of_anybody(process, Kind.TOKEN)
     if rules:
-        message = f"{process.name} takes the announcements of nodes from anybody."
+        message = f"{process.name} accepts announcements of nodes from anybody."
         yield found(process, message, *(rule.line for rule in rules))
 
 
@@ -175,10 +177,10 @@ def graph_from_anybody(process: Process) -> Iterator[Violation]:
 def file_restrains_only_its_owner(network: Network, context: Context) -> Iterator[Violation]:
     """An enclave can do what its own file denies, by starting without that file.
 
-    What others let in does not depend on who sends. Each process polices its own links alone, and a compromised one
-    drops its file. What others' rules deny to its certificate stays denied. Routers pass on all that comes: whoever
-    has the key of one is not told here. Asked of 500 rights that rules name; where
-    there are more, and none of those is one, it stays open.
+    Each process polices only its own links, and a compromised one drops its file. What others let in does not depend on
+    who sends; what their rules deny to its certificate stays denied. Routers pass on everything: what the holder of a
+    router's key can do is not reported here. Checked for 500 rights that rules name; with more, and none found among
+    these, the question stays open.
     """
     rights, told, places = rights_in(network), list[str](), dict[Location, None]()
     sent = list[tuple[str, str]]()
@@ -193,7 +195,7 @@ def file_restrains_only_its_owner(network: Network, context: Context) -> Iterato
     if told:
         yield Violation(f"{told[0]}{more_like(told)}.", [*places], key=told[0], sent=tuple(sent))
     elif len(asked) > MAX_ASKED:
-        message = f"Only {MAX_ASKED} rights were asked about of those that rules in {network.path} name."
+        message = f"Only {MAX_ASKED} of the rights that rules in {network.path} name were checked."
         yield Violation(message, (), undecided=True, key="more")
 
 
@@ -235,22 +237,21 @@ def name_of(key: str) -> str:
     Severity.HIGH,
     facts.ROUTED_LINKS,
     outside(
-        "Make the sessions clients (mode client, no listen endpoints), or write the rules by the names of certificates "
-        "into every session's file."
+        "Make the sessions clients (mode client, no listen endpoints). Or write rules by certificate names into every "
+        "session's file."
     ),
 )
 def router_bypassed(process: Process, context: Context) -> Iterator[Violation]:
-    """A router has rules, and its sessions are linked beside it.
+    """A router has rules, but its sessions are also linked with each other.
 
-    As peers they hear of each other by gossip or by multicast, or listen, and then send straight to each other
-    (measured).
+    As peers they find each other by gossip or by multicast, or listen, and then send straight to each other (measured).
     """
     if context.network is None or process.says.mode is not Mode.ROUTER or process.says.access is None:
         return
     peers = [each for each in context.network.started if is_peer(each)]
     if len(peers) > 1:
         names = listed(each.name for each in peers)
-        message = f"The rules of the router {process.name} do not stand between {names}, which are peers."
+        message = f"The rules of the router {process.name} do not apply between {names}, which are peers."
         yield found(process, message, process.says.access.line)
 
 
@@ -258,14 +259,14 @@ def router_bypassed(process: Process, context: Context) -> Iterator[Violation]:
     "KA812",
     Severity.MEDIUM,
     facts.ROUTED_ACCESS,
-    outside("Write /*/* in place of the last /**: that is the type and its hash, and nothing below the name."),
+    outside("Replace the last /** by /*/*: that is the type and its hash, and nothing below the name."),
 )
 def longer_names_reached(network: Network, context: Context) -> Iterator[Violation]:
     """A rule allows a name with all that is below it: `0/image/**` is about /image/raw, too (measured).
 
-    zenoh_security_tools wrote its rules so until September 2025. Told where permissions name the one as a topic or a
-    service, so that it is not meant as a folder, and where they or rules name some other below, for which the rule has
-    no expression of its own.
+    zenoh_security_tools wrote its rules so until September 2025. Reported if permissions name the one as a topic or a
+    service, so that it is not meant as a folder. Permissions or rules must also name another one below it, for which
+    the rule has no expression of its own.
     """
     signed = {*names_in(each.permissions for each in context.keystore.enclaves if each.permissions is not None)}
     every = sorted({*signed, *(right for process in network.started for right in names_of(process))})
@@ -282,7 +283,7 @@ def longer_names_reached(network: Network, context: Context) -> Iterator[Violati
                         reached[text] = line, first
         if reached:
             text, (_line, other) = next(iter(reached.items()))
-            message = f"{process.name} has a rule for {quoted(text)}, which is about {other} as well"
+            message = f"{process.name} has a rule for {quoted(text)}, which also covers {other}"
             yield found(process, f"{message}{more_like(reached)}.", *(line for line, _other in reached.values()))
 
 
@@ -299,12 +300,12 @@ def _below(every: Sequence[tuple[str, str]], operation: str, name: str) -> Itera
     "KA818",
     Severity.HIGH,
     facts.ROUTED_ACCESS,
-    outside("Write the enclave's path as it stands in its certificate: names are compared letter by letter."),
+    outside("Write the enclave's path as in its certificate; names are compared letter by letter."),
 )
 def name_of_nobody(process: Process, context: Context) -> Iterator[Violation]:
     """A subject names a certificate that no enclave has: its rules are for nobody, or for a stranger who has it.
 
-    There are no patterns in names, and case and blanks count (measured).
+    Names have no patterns, and case and blanks count (measured).
     """
     names = {common_name(each.identity) for each in context.keystore.enclaves if each.identity is not None}
     access = process.says.access
@@ -320,12 +321,12 @@ def name_of_nobody(process: Process, context: Context) -> Iterator[Violation]:
     "KA821",
     Severity.MEDIUM,
     facts.ROUTED_ACCESS,
-    outside("Name it in a policy, or take it out."),
+    outside("Name it in a policy, or remove it."),
 )
 def rule_of_no_policy(process: Process) -> Iterator[Violation]:
-    """A rule or a subject that no policy names.
+    """No policy names a rule or a subject.
 
-    Such a rule has no effect; such a subject is one all the same, and gets the default (measured).
+    Such a rule has no effect. Such a subject still counts, and gets the default (measured).
     """
     unused = process.says.access.unused if process.says.access is not None else ()
     if unused:
@@ -337,13 +338,13 @@ def rule_of_no_policy(process: Process) -> Iterator[Violation]:
     "KA823",
     Severity.MEDIUM,
     facts.ROUTED_ACCESS,
-    outside("Write the rules of all files for the domain (ROS_DOMAIN_ID) that the robot runs in."),
+    outside("Write the rules of all files for the robot's domain (ROS_DOMAIN_ID)."),
 )
 def domain_of_no_other(network: Network) -> Iterator[Violation]:
-    """The rules of a process are about another domain than those of all others, so that nothing comes through.
+    """The rules of a process are about another domain than those of all others, so nothing comes through.
 
-    A key begins with the domain, and rules are written for one, which the generator is told apart from the robot's. Not
-    told where another process lets anything through, or a file was not read.
+    A key begins with the domain. The generator is told its domain separately from the robot's. Not reported if another
+    process lets anything through, or a file was not read.
     """
     spoken = {each.path: domains_in(each) for each in network.started}
     files = Counter(domain for domains in spoken.values() for domain in domains)
@@ -363,18 +364,18 @@ def domain_of_no_other(network: Network) -> Iterator[Violation]:
     "KA824",
     Severity.HIGH,
     facts.ROUTED_FILES,
-    outside("Have one file for each enclave that runs, which names its cert.pem and key.pem."),
+    outside("Write one file for each enclave that runs, which names its cert.pem and key.pem."),
 )
 def file_without_enclave(network: Network, context: Context) -> Iterator[Violation]:
     """A file names the certificate of no enclave: its process has no identity of the keystore.
 
-    An enclave of which there is no file starts with another one, or with the defaults, which are plain: medium.
+    Medium for an enclave that no file names: it starts with another file, or with the defaults, which are plain.
     """
     nobody = [each for each in network.started if each.owner is None and each.says.whole is not None]
     for process in nobody:
         yield found(process, f"{process.path} names the certificate of no enclave.")
     without = [each for each in context.keystore.enclaves if all(p.owner is not each for p in network.processes)]
     if without:
-        message = f"{network.path} has no file of {paths(without)}."
+        message = f"{network.path} has no file for {paths(without)}."
         places = [each.certificate.file.place for each in without if each.certificate is not None]
         yield Violation(message, [*map(Location, places)], severity=Severity.MEDIUM, key=f"{sorted(places)}")

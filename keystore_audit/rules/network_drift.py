@@ -42,16 +42,16 @@ WORDS: Final = {"publish": "publish", "subscribe": "subscribe to", "request": "c
     "KA822",
     Severity.HIGH,
     facts.ROUTED_ACCESS,
-    decision("Sign what is meant (or write it into the policy), or forbid it in the files.", NAMED, BY_HAND),
+    decision("Forbid it in the files, or sign it (or add it to the policy) if it is meant.", NAMED, BY_HAND),
 )
 def right_beyond_permissions(network: Network, context: Context) -> Iterator[Violation]:
-    """An enclave can do what its signed permissions do not grant, or where a policy is named, what that does not say.
+    """An enclave can do what its signed permissions do not grant, or if a policy is named, what that does not grant.
 
     Nobody reads permissions.p7s here: what counts is what others' files let in, with the enclave's own file or without.
-    Asked of topics and services that permissions or rules name, in the domains that rules name (else 0), and of one
-    name (`any` for wildcards) of each pattern of a rule. Rights by patterns are granted like others; patterns are not
-    compared with patterns. Routers, which pass on what comes, and enclaves without permissions (where no policy is
-    named) are not compared. Of more than 2,000 rights it stays open.
+    Checked for topics and services that permissions or rules name, in the domains that rules name (else 0). Of each
+    pattern of a rule, one name is checked (`any` for wildcards). Rights by patterns are granted like others; patterns
+    are not compared with patterns. Routers, which pass on what comes, are not compared, nor enclaves without
+    permissions if no policy is named. With more than 2,000 rights it stays open.
     """
     rights = rights_in(network)
 
@@ -62,7 +62,7 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
             yield answer.works
 
     whose = "the policy does" if context.drift is not None else "permissions do"
-    message = f"{{who}} can {{what}} by the files, and {whose} not let it."
+    message = f"{{who}} can {{what}} by the files, but {whose} not let it."
     yield from _differing(network, context, _not_granted(network, context), reaching, Truth.YES, message)
 
 
@@ -70,16 +70,16 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
     "KA836",
     Severity.MEDIUM,
     facts.ROUTED_ACCESS,
-    decision("Allow it in the files of both sides, or take it out of what is signed.", NAMED, BY_HAND),
+    decision("Allow it in the files of both sides, or remove it from what is signed.", NAMED, BY_HAND),
 )
 def granted_and_kept_off(network: Network, context: Context) -> Iterator[Violation]:
-    """An enclave was granted what the files let through to nobody, or from nobody: its own file, or all others'.
+    """An enclave was granted what the files stop: its own file stops it, or all others' do.
 
-    The node starts, and nothing comes; no log says why. Asked of topics and services that the enclave's own permissions
-    name and grant (or where a policy is named, that this says as well), in the domains that rules name (else 0), where
-    some other enclave was granted the other side: subscribes to what is published, serves what is called. Routers,
-    enclaves of which no file starts, and the topics of logs and of parameters' changes are not compared. What may work
-    is not told. Of more than 2,000 rights it stays open.
+    The node starts, and nothing arrives; no log says why. Checked for topics and services that the enclave's own
+    permissions name and grant, in the domains that rules name (else 0). A policy that is named has to grant them, too.
+    Another enclave must have the other side: it subscribes to what is published, or serves what is called. Not
+    compared: routers, enclaves without a file that starts, and the topics of logs and parameter changes. What may work
+    is not reported. With more than 2,000 rights it stays open.
     """
     rights = rights_in(network)
 
@@ -87,7 +87,7 @@ def granted_and_kept_off(network: Network, context: Context) -> Iterator[Violati
         enclave, operation, name, domain = right
         yield from (rights.works(enclave, role, key, release) for role, key in channels(operation, name, domain))
 
-    message = "The files do not let {who} {what}, and that was granted."
+    message = "The files do not let {who} {what}, though it was granted."
     yield from _differing(network, context, _granted_to_both(network, context), working, Truth.NO, message)
 
 
@@ -127,7 +127,7 @@ def _differing(
         message = f"Only {MAX_RIGHTS} rights were compared with what was granted in {network.path}."
         yield Violation(message, (), undecided=True, key="more")
     elif doubtful and not rights_in(network).doubts:  # these are a finding of their own
-        message = f"Whether the files in {network.path} let more than was granted cannot be told."
+        message = f"It is unknown whether the files in {network.path} let more than was granted."
         yield Violation(message, (), undecided=True, key="doubt")
 
 
@@ -135,14 +135,14 @@ def _differing(
     "KA828",
     Severity.HIGH,
     f"{facts.ROUTED_PAGE}: what is asserted in keystore-audit.toml",
-    decision("Forbid it in a file that is named, or change what is asserted.", NAMED, BY_HAND),
+    decision("Forbid it in one of the files named, or change the assertion.", NAMED, BY_HAND),
 )
 def asserted_property_violated_by_files(network: Network, context: Context) -> Iterator[Violation]:
-    """What settings assert does not hold by the files of sessions and routers: `no_flow` or `only_publish`.
+    """A `no_flow` or `only_publish` that the settings assert does not hold by the files of sessions and routers.
 
-    The severity is the one given there, high where none is. Asked at the audit instant, under all releases that are
-    judged. Only-publish is about whoever has a key and needs no file, and about anybody without a key, not about those
-    who pass on alone. Other forms are not asked. What cannot be told stays open, as does a topic that is no key.
+    The severity is the one set there, else high. Checked at the audit instant, under all releases that are judged.
+    Only-publish is about whoever has a key, who needs no file, and about anybody without a key, not about those who
+    only pass on. Other forms are not checked. What is unknown stays open, as does a topic that is no key.
     """
     flows = NetworkFlows(context.keystore, network)
     for claim in context.claims:
@@ -165,7 +165,7 @@ def asserted_property_violated_by_files(network: Network, context: Context) -> I
             sent = tuple((hop.sender.label, name_of(hop.key)) for hop in hops)
             yield Violation(said, places, severity=claim.severity, key=claim.id, sent=sent)
         elif any(truth.may for truth, _hops in answers):
-            said = f"Whether {quoted(claim.id)} holds by the files in {network.path} cannot be told."
+            said = f"It is unknown whether {quoted(claim.id)} holds by the files in {network.path}."
             yield Violation(said, places, undecided=True, key=claim.id)
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
     from keystore_audit.model.intended.observed_needs import Need
 
 SUGGEST: Final = "`keystore-audit suggest` prints the least policy for what was seen"
-LAUNCHED: Final = " A launch file names only what it remaps: look whether a node uses them by their own names."
+LAUNCHED: Final = " A launch file names only what it remaps: check whether a node uses them by their own names."
 
 UNNAMED: Final = "a node whose name the file does not say"
 
@@ -53,29 +53,29 @@ def _beside(location: Location, message: str = "") -> Location:
     "KA650",
     Severity.HIGH,
     "DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, SROS2 access control policies",
-    in_permissions(f"Allow it, unless the node ought not to do it ({SUGGEST})"),
+    in_permissions(f"Allow it, unless the node should not do it ({SUGGEST})"),
     of=_observed,
 )
 def missing_grant(observed: Observation) -> Iterator[Violation]:
     """A node does what its enclave's own implementation denies, so that it ends there under Enforce.
 
-    Medium where some of the domains in which the enclave starts allow it. What every node does without being told
-    (log, parameter events and services, ros_discovery_info) is one finding for an enclave; nodes that were started
-    without parameter services or log do not need those. Graphs are of one moment: what a node does later is not seen.
+    Medium if some of the domains in which the enclave starts allow it. What every node does by itself (log, parameter
+    events and services, ros_discovery_info) is one finding for an enclave. Nodes that were started without parameter
+    services or log do not need those. Graphs are of one moment: what a node does later is not seen.
     """
     for missing in observed.missing:
         need = missing.need
         if not need.usual:
             who = f"The node {need.node}" if need.node else f"A node of {need.enclave}"
             message = (
-                f"{who} {_right(need)}, and its enclave {need.enclave} may not{_in(missing)}: {missing.explain()}."
+                f"{who} {_right(need)}, but its enclave {need.enclave} may not{_in(missing)}: {missing.explain()}."
             )
             yield _missing(message, [missing])
     usual = (missing for missing in observed.missing if missing.need.usual)
     for enclave, group in grouped(usual, lambda missing: missing.need.enclave).items():
         what = listed(dict.fromkeys(_right(missing.need) for missing in group))
         first = group[0]
-        message = f"Every node {what}, and the enclave {enclave} may not{_in(first)}: {first.explain()}."
+        message = f"Every node {what}, but the enclave {enclave} may not{_in(first)}: {first.explain()}."
         yield _missing(message, group)
 
 
@@ -107,15 +107,15 @@ def _missing(message: str, group: Sequence[MissingGrant]) -> Violation:
     "KA651",
     Severity.LOW,
     "ROS 2 design, SROS2 access control policies; least privilege (Saltzer and Schroeder 1975)",
-    in_permissions(f"Take out what no node needs ({SUGGEST})"),
+    in_permissions(f"Remove what no node needs ({SUGGEST})"),
     of=_observed,
 )
 def excess_grant(observed: Observation) -> Iterator[Violation]:
     """An enclave is granted names that no node of it was seen to use: whoever takes it over has them all.
 
-    One finding for an enclave, with how many of the names known it uses. What every node uses is not counted, nor what
-    sros2's policies grant to every node. Nothing is concluded where part of the files could not be worked out, or
-    where a launch file names nothing that an enclave's nodes use.
+    One finding for an enclave, with how many of its names are used. What every node uses is not counted, nor what
+    sros2's policies grant to every node. Nothing is reported if part of the files could not be worked out, or if a
+    launch file names nothing that an enclave's nodes use.
     """
     for excess in observed.excess:
         names = [*excess.names, *filter(None, (excess.wide,))]
@@ -133,13 +133,15 @@ def _excess(excess: ExcessGrant, observation: Observation) -> str:
     said = []
     if excess.names:
         names = listed(dict.fromkeys(_granted(name) for name in excess.names))
-        said.append(f"{excess.enclave} may {names}, and no node of it does in {where}: ")
+        said.append(f"{excess.enclave} may {names}, but no node of it does in {where}: ")
         granted = counted(excess.allowed, "name")
-        said.append(f"of the {granted} that it is granted beside the usual ones it uses {excess.used}.")
+        said.append(f"it uses {excess.used} of the {granted} that it is granted beside the usual ones.")
         said.append(LAUNCHED if excess.launched else "")
     if excess.wide is not None:
         more = "and infinitely many more" if excess.endless else "for one"
-        begins = " Beside that it is not bounded" if said else f"What {excess.enclave} may do is not bounded by {where}"
+        begins = (
+            " Its rights are unbounded, too" if said else f"The rights of {excess.enclave} are not bounded by {where}"
+        )
         said.append(f"{begins}: it may {_granted(excess.wide)}, {more}.")
     return "".join(said)
 
@@ -153,25 +155,23 @@ def _granted(name: GrantedName) -> str:
     "KA652",
     Severity.HIGH,
     "ROS 2 design, ROS 2 security enclaves; ros2/rcl, security.c (the keystore is searched for the exact path)",
-    decision(
-        f"Start the node in an enclave that there is, `--ros-args --enclave`, or make this one: {CREATE_ENCLAVE}."
-    ),
+    decision(f"Start the node in an existing enclave (`--ros-args --enclave`), or create this one: {CREATE_ENCLAVE}."),
     of=_observed,
 )
 def node_in_unknown_enclave(observed: Observation, context: Context) -> Iterator[Violation]:
     """A node is to run in an enclave that the keystore does not have: under Enforce it does not start.
 
-    A process without `--enclave` is in the enclave `/`. Where the keystore could not be read as a whole, the enclave
-    may be there all the same.
+    A process without `--enclave` is in the enclave `/`. If part of the keystore could not be read, the enclave may
+    still be there.
     """
     known = [enclave.path for enclave in context.keystore.enclaves]
     for unknown in observed.unknown:
         named = f"the enclave {quoted(unknown.path)}"
-        named = f"{named}, having named none" if unknown.path == ROOT else named
+        named = f"{named} (it names none)" if unknown.path == ROOT else named
         nodes = listed(name or UNNAMED for name in unknown.nodes)
         verb = "runs" if len(unknown.nodes) == 1 else "run"
         yield Violation(
-            f"{sentence(nodes)} {verb} in {named}, which is not there.{meant(unknown.path, known)}",
+            f"{sentence(nodes)} {verb} in {named}, which does not exist.{meant(unknown.path, known)}",
             [_beside(location) for location in unknown.locations],
             key="\n".join([unknown.path, *sorted(unknown.nodes)]),
         )
@@ -181,20 +181,20 @@ def node_in_unknown_enclave(observed: Observation, context: Context) -> Iterator
     "KA653",
     Severity.HIGH,
     "DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, Topic and Service name mapping to DDS",
-    in_permissions("Add what the node does with the name to the policy, or take the remapping out"),
+    in_permissions("Allow what the node does with the name, or remove the remapping"),
     of=_observed,
 )
 def used_name_without_right(observed: Observation) -> Iterator[Violation]:
-    """A launch file gives a node a name with which its enclave may do nothing: no direction, no kind of name.
+    """A launch file gives a node a name with which its enclave may do nothing at all.
 
-    Whether the node publishes, subscribes, asks or answers under the name the file does not say; whichever it is, it
-    ends there under Enforce. A remapping of a name that the node does not use does no harm.
+    The file does not say whether the node publishes, subscribes, asks or answers under that name; under Enforce, each
+    ends the node. Remapping a name that the node does not use does no harm.
     """
     found = grouped(observed.denied, lambda denied: (denied.enclave, denied.used.name))
     for (enclave, name), group in found.items():
         nodes = listed(dict.fromkeys(denied.used.node or f"a node of {enclave}" for denied in group))
         yield Violation(
-            f"{sentence(nodes)} uses {name}, and {enclave} may neither publish nor subscribe to it, nor ask, "
+            f"{sentence(nodes)} uses {name}, but {enclave} may neither publish nor subscribe to it, nor ask, "
             "answer, call or execute it.",
             [_beside(denied.used.location) for denied in group],
             enclave=enclave,
@@ -211,23 +211,23 @@ def used_name_without_right(observed: Observation) -> Iterator[Violation]:
     of=_observed,
 )
 def observation_incomplete(observed: Observation, context: Context) -> Iterator[Violation]:
-    """Part of a graph or launch file could not be worked out, or an enclave's rights cannot be told.
+    """Part of a graph or launch file could not be worked out, or an enclave's rights are unknown.
 
-    Nodes may need more than was found, so that no grant is called an excess. Launch files are read and never run:
-    what only running them tells is not known. An enclave whose rights cannot be told leaves the audit incomplete.
+    Nodes may need more than was found, so no grant is called an excess. Launch files are read and never run: what only
+    running them tells is unknown. If an enclave's rights are unknown, the audit is incomplete.
     """
     unresolved = (_beside(each.location, each.reason) for each in observed.unresolved)
     for path, found in grouped(unresolved, lambda place: place.path).items():
         yield Violation(
             f"{sentence(found[0].message)}{more_like(found)}. Nodes may need more than "
-            f"{quoted(path)} shows, so that no grant is called an excess.",
+            f"{quoted(path)} shows, so no grant is called an excess.",
             found,
             undecided=context.launch_complete,
             key="\n".join(sorted({place.message for place in found})),
         )
     for undecided in observed.undecided:
         yield Violation(
-            f"What {undecided.enclave} may do cannot be told, so that it is not compared with what its nodes "
+            f"The rights of {undecided.enclave} are unknown, so they are not compared with what its nodes "
             f"need: {undecided.reason}.",
             (),
             enclave=undecided.enclave,
@@ -242,18 +242,18 @@ def observation_incomplete(observed: Observation, context: Context) -> Iterator[
     Severity.CRITICAL,
     "rcl, security.c and domain_id.c (read)",
     decision(
-        "Take the variable out of the launch file, and let the robot's environment say it for every process; "
-        "or record the running system, and give that with `--graph`."
+        "Remove the variable from the launch file, and set it in the robot's environment for every process. "
+        "Or record the running system, and give that with `--graph`."
     ),
     of=_observed,
 )
 def launch_changes_security(observed: Observation, context: Context) -> Iterator[Violation]:
     """A launch file starts a process without security, or not with this keystore, domain and middleware.
 
-    What it sets comes before what the robot's environment says (`--env`). A value that cannot be told without running
-    the file leaves the audit open, and so does what is not read of it and speaks of security: code that is not
-    followed, commands, and what stands before a program. A domain is high where no governance covers it, low where all
-    do and every enclave is granted something there, else medium: rights in a domain are what `--domain` asks about.
+    What it sets overrides the robot's environment (`--env`). A value that only running the file tells leaves the audit
+    incomplete. So does what speaks of security and is not read: code that is not followed, commands, and what stands
+    before a program. A domain is high if no governance covers it. It is low if all do and every enclave is granted
+    something there, else medium: ask with `--domain` about rights in it.
     """
     for variable in observed.variables:
         harm = _harm(variable, context)
@@ -298,12 +298,12 @@ def _harm_of_middleware(value: str | None, context: Context) -> tuple[Severity, 
     vendor = MIDDLEWARE.get(value or "")
     if value == "" or any(profile.name.rpartition("-")[0] == vendor for profile in context.profiles):
         return None
-    return Severity.HIGH, "this report does not speak of what that middleware enforces"
+    return Severity.HIGH, "this report does not cover what that middleware enforces"
 
 
 def _harm_of_domain(value: str | None, context: Context) -> tuple[Severity, str]:
     """As `_harm`. An empty value is as good as none: domain 0 (rcl, domain_id.c)."""
-    asked = "what it may do there is what `--domain` asks about"
+    asked = "ask with `--domain` what it may do there"
     digits = value if value != "" else "0"
     if digits is None or not (digits.isascii() and digits.isdigit() and len(digits) < _LONG):
         return Severity.MEDIUM, asked

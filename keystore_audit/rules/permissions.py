@@ -63,9 +63,9 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
 def permissions_schema_invalid(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The document breaks the permissions schema of DDS-Security.
 
-    Fast DDS refuses unknown and reordered elements, Cyclone DDS takes any order (measured). Verdicts go by what each
-    makes of it; it is medium where all read it. Where that was not measured of one in scope, what it means is unknown,
-    unless nobody takes its signature.
+    Fast DDS refuses unknown and reordered elements, Cyclone DDS accepts any order (measured). Verdicts follow what each
+    one reads; medium if all read it. If an implementation in scope was not measured, the meaning is unknown, unless
+    nobody accepts the signature.
     """
     yield from out_of_form(use, context, Kind.SCHEMA_INVALID)
 
@@ -80,14 +80,14 @@ def permissions_schema_invalid(use: PermissionsUse, context: Context) -> Iterato
 def permissions_ambiguous(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
-    Fast DDS, Cyclone DDS and libxml2 read comments, blanks in values and odd dates differently (measured), so that one
-    signed file has several meanings: verdicts go by what each makes of it, and it is medium where all read it.
-    What a robot makes of CDATA, entities and other encodings, and of a document that is too large to be read here, is
-    unknown: docs/security-model.md has the limits.
+    Fast DDS, Cyclone DDS and libxml2 read comments, blanks in values and odd dates differently (measured): one signed
+    file has several meanings. Verdicts follow what each one reads; medium if all read it. How a robot reads CDATA,
+    entities and other encodings is unknown. So it is for a document that is too large to be read here
+    (docs/security-model.md).
     """
     yield from out_of_form(use, context, *AMBIGUOUS)
     remedy = in_permissions(
-        "Split a document for several enclaves into one for each, or write fewer rules, and fewer names with wildcards"
+        "Split a document for several enclaves into one for each, or write fewer rules and wildcards"
     )
     yield from in_document(use, UNREAD, Kind.BEYOND_LIMIT, remedy=remedy)
     valid = use.document.readings.by_syntax.get(Syntax.SCHEMA)  # of other dates KA501 speaks
@@ -107,23 +107,23 @@ def permissions_ambiguous(use: PermissionsUse, context: Context) -> Iterator[Vio
 
 
 def _name_it(subject: str) -> Remedy:
-    return in_permissions(f"Let <subject_name> say {quoted(subject)}")
+    return in_permissions(f"Set <subject_name> to {quoted(subject)}")
 
 
 @rule(
     "KA503",
     Severity.HIGH,
     "DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 4514",
-    in_permissions("Let <subject_name> say the subject of cert.pem, as RFC 4514 writes it"),
+    in_permissions("Set <subject_name> to the subject of cert.pem, in the form of RFC 4514"),
     applies=speaks,
     stops=True,
 )
 def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """No grant names the identity of the enclave that carries the document, so that the enclave cannot start.
+    """No grant names the identity of the enclave that carries the document, so the enclave cannot start.
 
-    Compared are texts in the form of RFC 4514, the one form that every implementation takes alike. What some take to
-    name the identity all the same is left to subject-read-differently, where it means that subject; else this is about
-    the others, and low where none of those was chosen.
+    Texts are compared in the form of RFC 4514, the one that every implementation reads alike. Some implementations may
+    still take a grant to name the identity. If the grant means that subject, see subject-read-differently. Else this
+    finding is about the others, and low if none of them was chosen.
     """
     grants = use.document.grants
     named = list(dict.fromkeys(grant.subject_name.text for grant in grants))
@@ -134,7 +134,7 @@ def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[
         if not has_usual_subject(first, enclave, context.keystore):  # to grant it rights moves the fault: see KA220
             usual = usual_subject(enclave, context.keystore)
             wanted = f"{got}, and the identity is {quoted(first.subject)}; expected {quoted(usual)} in both"
-            remedy = decision(f"Let certificate and <subject_name> both say {quoted(usual)}, and issue and sign again.")
+            remedy = decision(f"Use {quoted(usual)} in both certificate and <subject_name>, and issue and sign again.")
         missing = [profile for profile in VARIANTS.values() if profile not in naming]
         yield Violation(
             f"No grant names the identity of {enclave.path}: {wanted}.",
@@ -174,22 +174,22 @@ def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
     "KA504",
     Severity.HIGH,
     "DDS-Security 1.1, 9.4.1.3 (grant); measured: the first one decides",
-    in_permissions("Merge the grants into one, as one <profile> for each node below one <profiles>"),
+    in_permissions("Merge the grants into one, with one <profile> for each node below one <profiles>"),
     applies=speaks,
 )
 def second_grant_for_subject(use: PermissionsUse) -> Iterator[Violation]:
     """Two grants name one subject, and the second counts for nothing.
 
-    On Fast DDS the first in force decides, on Cyclone DDS the first, in force or not (measured). sros2 writes a grant
-    for each <profiles> of an enclave, so that all but the first are lost.
+    On Fast DDS the first grant in force decides; on Cyclone DDS the first one, in force or not (measured). For each
+    <profiles> of an enclave sros2 writes a grant, so all but the first are lost.
     """
     first: dict[str, Grant] = {}
     for grant in use.document.grants:
         subject = grant.subject_name.text
         if first.setdefault(subject, grant) is not grant:
             yield Violation(
-                f"A second grant names {quoted(subject)}: the one at line {first[subject].line} decides, and "
-                f"this one takes its place on {doing('skips_grants_out_of_date', True)} alone, when that one has "
+                f"A second grant names {quoted(subject)}: the one at line {first[subject].line} decides. "
+                f"This one takes its place only on {doing('skips_grants_out_of_date', True)}, when that one has "
                 "expired.",
                 [use.at(g.line, m) for g, m in ((grant, ""), (first[subject], "the grant that decides"))],
                 # The dates tell when it takes the place of the other.
@@ -201,17 +201,17 @@ def second_grant_for_subject(use: PermissionsUse) -> Iterator[Violation]:
     "KA512",
     Severity.MEDIUM,
     f"DDS-Security 1.1, 9.4.1.3; {facts.OTHERS_GRANTS_MEASURED}",
-    in_permissions("Give each enclave a document with its own grant alone"),
+    in_permissions("Give each enclave a document with only its own grant"),
     applies=speaks,
 )
 def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The document holds grants for others than the enclaves that carry it.
 
-    Peers take any validly signed document with a matching grant, so that whoever is named may present this one in place
-    of its own (measured); and in the handshake it shows everybody what the others may do. High where that gives an
-    enclave of the keystore a right that its own document does not: an escalation. A misspelt name of this enclave's own
-    is no-grant-for-certificate. Where keystores of several robots are audited together, it says whose enclave it is;
-    what that one may do by itself is not compared.
+    Peers accept any validly signed document with a matching grant, so whoever is named may present this one instead of
+    its own (measured). The handshake also shows everybody what the others may do. High if it gives an enclave of the
+    keystore a right that its own document does not: an escalation. For a misspelt name of this enclave, see
+    no-grant-for-certificate. If keystores of several robots are audited together, the finding names the enclave; what
+    that one may do by itself is not compared.
     """
     own = {grant.subject_name.text for grant in own_grants(use)}
     if not any(enclave.identity for enclave in use.enclaves):
@@ -260,8 +260,8 @@ def _whose(other: Identity) -> str:
 
 
 def _gaining(use: PermissionsUse, paths: Sequence[str], context: Context) -> dict[str, list[Location]]:
-    """The enclaves that get a right from this document which their own does not give, under a chosen profile; with the
-    places of their own grants.
+    """The enclaves to which this document gives a right under a chosen profile that their own does not, with the places
+    of their own grants.
     """
     found: dict[str, list[Location]] = {}
     for system in context.meaning.systems if paths else ():
@@ -296,15 +296,15 @@ def _gains(permissions: Permissions, given: Iterable[int], had: Collection[int])
     "KA514",
     Severity.MEDIUM,
     "DDS-Security 1.1, 9.4.1.3 (allow_rule); measured",
-    in_permissions("Allow what the enclave needs, ros_discovery_info among it"),
+    in_permissions("Allow what the enclave needs, including ros_discovery_info"),
     applies=speaks,
     stops=True,
 )
 def grant_without_allow_rule(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The enclave's grant has no allow rule: Fast DDS refuses the participant.
 
-    Cyclone DDS starts it where the default is ALLOW or join access control is off (measured). High where a chosen
-    profile refuses the enclave.
+    Cyclone DDS starts it if the default is ALLOW or join access control is off (measured). High if a chosen profile
+    refuses the enclave.
     """
     severity = Severity.HIGH if context.refused(use.enclaves) else None
     for grant in own_grants(use):

@@ -19,8 +19,8 @@ from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, instant_of, speaks, taken
 
 _NO_DENIAL: Final = (
-    "Take the deny rule out, since what no rule allows is denied by every implementation, and name the topics and "
-    "partitions that are needed in the allow rules"
+    "Remove the deny rule, and name the needed topics and partitions in the allow rules; every implementation denies "
+    "what no rule allows"
 )
 
 
@@ -33,7 +33,7 @@ _NO_DENIAL: Final = (
 def deny_rule_with_partitions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A deny rule lists partitions, and Fast DDS denies its topics in every partition.
 
-    Later rules that allow the topic elsewhere are not reached there.
+    It never reaches later rules that allow the topic in other partitions.
     """
     yield from said(context, Cause.DENY_IN_PARTITION)
 
@@ -45,10 +45,10 @@ def deny_rule_with_partitions(_keystore: Keystore, context: Context) -> Iterator
     in_permissions(_NO_DENIAL),
 )
 def deny_rule_without_partitions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A deny rule lists no partitions: the specification denies in all, Cyclone DDS in the default partition alone.
+    """A deny rule lists no partitions: the specification denies in all, Cyclone DDS only in the default partition.
 
-    A later rule that allows the topic in a partition counts there. ROS 2 nodes use the default partition; whoever
-    controls a node chooses.
+    A later rule that allows the topic in a partition then counts there. ROS 2 nodes use the default partition, but
+    whoever controls a node chooses.
     """
     yield from said(context, Cause.DENY_WITHOUT_PARTITION)
 
@@ -57,12 +57,12 @@ def deny_rule_without_partitions(_keystore: Keystore, context: Context) -> Itera
     "KA606",
     Severity.MEDIUM,
     f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
-    in_permissions("Give each set of partitions an <allow_rule> of its own"),
+    in_permissions("Give each set of partitions its own <allow_rule>"),
 )
 def partitions_of_several_criteria(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An allow rule has several criteria with partitions: Fast DDS allows the topics of each in those of all.
 
-    Peers on Fast DDS accept it too, so that what was meant for one partition reaches another.
+    Peers on Fast DDS accept it too, so what was meant for one partition reaches another.
     """
     yield from said(context, Cause.CROSSED_PARTITIONS)
 
@@ -76,7 +76,7 @@ def partitions_of_several_criteria(_keystore: Keystore, context: Context) -> Ite
 def later_rule_for_other_partitions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Two rules list a topic in different partitions, and Fast DDS stops at the first.
 
-    It asks no later rule once one lists the topic, in whatever partition; others go on.
+    Once a rule lists the topic, in any partition, Fast DDS asks no later one; others do.
     """
     yield from said(context, Cause.FINAL_RULE)
 
@@ -90,8 +90,8 @@ def later_rule_for_other_partitions(_keystore: Keystore, context: Context) -> It
 def deny_rule_blocks_topic(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A deny rule for one operation, or one partition, takes the whole topic away on Cyclone DDS 0.10.
 
-    Where read and write access control are on, the first rule that lists a topic decides there whether it can be
-    created; so denying to publish denies to subscribe. Cyclone DDS 11 does it right.
+    If read and write access control are on, the first rule that lists a topic decides there whether it can be created.
+    So denying publish also denies subscribe. Cyclone DDS 11 does it right.
     """
     yield from said(context, Cause.TOPIC_DENIED)
 
@@ -103,12 +103,12 @@ _RELAY: Final = f"What <relay> gives differs ({contrasted('relay')})"
     "KA609",
     Severity.MEDIUM,
     f"DDS-Security 1.1, 9.4.1.3.2.3 (relay); {facts.RELAY_MEASURED}",
-    in_permissions("Take the <relay> criteria out; no ROS 2 implementation relays"),
+    in_permissions("Remove the <relay> criteria; no ROS 2 implementation relays"),
 )
 def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A rule is about relaying: on Fast DDS peers give a reader by it what they give a subscriber, plain data.
+    """A rule is about relaying: on Fast DDS, peers then send a reader plain data, as to a subscriber.
 
-    High where that lets somebody read. Cyclone DDS and OpenDDS pass the element over, so that nothing relays there.
+    High if that lets somebody read. Cyclone DDS and OpenDDS ignore the element, so nothing relays there.
     """
     yield from said(context, Cause.RELAY, _RELAY)
 
@@ -122,8 +122,8 @@ def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vi
 def expression_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An expression matches names under one implementation that it does not match under another.
 
-    Brackets with ^, classes or a ] first, and backslashes, are read in four ways. Found by comparing the sets of all
-    names, not by the text; names beyond ASCII are matched by character here and by octet on Cyclone DDS.
+    Brackets with ^, classes or a ] first, and backslashes, are read in four ways. The sets of all names are compared,
+    not the text. Names beyond ASCII are matched by character here, and by octet on Cyclone DDS.
     """
     yield from said(context, Cause.EXPRESSION, "An expression matches different names")
 
@@ -132,7 +132,7 @@ _MAY_BE_MALFORMED: Final = frozenset("[\\")
 
 
 def _expressions(use: DocumentUse, but: frozenset[int | None]) -> Iterator[Text]:
-    """Every expression of the document, save those of rules at the lines `but`."""
+    """Every expression of the document, except those of rules at the lines `but`."""
     if isinstance(use, GovernanceUse):
         for domain_rule in use.document.domain_rules:
             yield from (topic.expression for topic in domain_rule.topic_rules if topic.line not in but)
@@ -169,10 +169,10 @@ def _faults(text: str, profiles: tuple[Profile, ...]) -> str:
     applies=taken,
 )
 def expression_malformed(use: DocumentUse, context: Context) -> Iterator[Violation]:
-    """An expression is no pattern for an implementation, which gives it a meaning all the same.
+    """An expression is no pattern for an implementation, which still gives it a meaning.
 
-    Every decision here is made with that meaning; whoever wrote it had another in mind. Where it makes implementations
-    decide differently, expression-read-differently says so in place of this.
+    Every decision here uses that meaning; the author may have had another in mind. If implementations decide
+    differently because of it, see expression-read-differently.
     """
     malformed: dict[str, Text] = {}
     for expression in _expressions(use, spoken_of(use, context, Cause.EXPRESSION)):
@@ -206,9 +206,9 @@ def _reading(date: Text, reading: DateReading) -> object:
 def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """A date of a grant names different instants to different implementations, even on robots that are set to UTC.
 
-    Fast DDS passes over the zone that a date names; Cyclone DDS takes years beyond 2262 and zones beyond 12 hours for
-    long past. Where that decides something now, date-read-differently says so in place of this; permissions-ambiguous
-    has what is no date to the specification.
+    Fast DDS ignores the zone that a date names. Cyclone DDS takes years beyond 2262 and zones beyond 12 hours for long
+    past. If that decides something now, see date-read-differently. For what is no date to the specification, see
+    permissions-ambiguous.
     """
     spoken = spoken_of(use, context, Cause.DATE)
     odd: dict[str, Text] = {}

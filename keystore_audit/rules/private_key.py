@@ -65,11 +65,11 @@ def _readable(file: File, whose: str, context: Context) -> Violation:
     applies=lambda enclave, _context: enclave.key is not None and enclave.key.file.mode is not None,
 )
 def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterator[Violation]:
-    """Other users of the machine may read the private key, and then be the enclave.
+    """Other users of the machine may read the private key, and then act as the enclave.
 
-    A note where keystores are made, since version control holds no such modes; high in a tree that goes on a robot
-    (--deployed). The group that settings name may read it (`key_group`).
-    Directories above it, owners and access control lists are not looked at.
+    sros2 writes keys with mode 0644. A note where keystores are made, since version control holds no such modes; high
+    in a tree that goes on a robot (--deployed). The group that settings name (`key_group`) may read it. Directories
+    above it, owners and access control lists are not checked.
     """
     if enclave.key is not None and _open_to_others(enclave.key.file, context.keystore.declared.key_group):
         yield _readable(enclave.key.file, enclave.path, context)
@@ -79,14 +79,14 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
     "KA109",
     Severity.INFO,
     "ROS 2 design, ROS 2 security enclaves (private/ does not leave the machine where keystores are made)",
-    decision("Ship enclaves/ and public/ only, and keep private/ where identities are issued."),
+    decision("Ship only enclaves/ and public/, and keep private/ where identities are issued."),
 )
 def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The private key of an authority lies in the tree: whoever has it issues identities or signs rights.
 
-    A note where keystores are made; critical in a tree that goes on a robot (--deployed), and always where an
-    enclave's key.pem holds it, as its own or behind it. Where enclaves carry it in another file, KA118 says so. Backups
-    and other copies outside the tree are not seen.
+    A note where keystores are made, critical in a tree that goes on a robot (--deployed). Always critical if an
+    enclave's key.pem holds it, as its own key or a further one. If enclaves carry it in another file, see KA118.
+    Backups and other copies outside the tree are not seen.
     """
     subjects = _authorities(keystore)
     known = {key.file.place: key.key for key in keystore.authority_keys}
@@ -112,7 +112,7 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
                     enclave=enclave.path,
                     severity=Severity.CRITICAL,
                     key=subjects[key],
-                    remedy=_authority_anew({key}, keystore, f"Give {enclave.path} a key of its own."),
+                    remedy=_authority_anew({key}, keystore, f"Give {enclave.path} its own key."),
                 )
 
 
@@ -126,8 +126,8 @@ def _keys_of(enclave: Enclave) -> Iterator[tuple[str | None, int | None]]:
 
 
 _TAKE_OUT: Final = (
-    "Take the key out of the file, make a new one where it belongs, and issue and sign again what it issued and "
-    "signed: whoever had the file has the key."
+    "Remove the key from the file, and make a new one where it belongs: whoever had the file has the key. Issue and "
+    "sign again what the old key issued and signed."
 )
 
 
@@ -138,14 +138,13 @@ _TAKE_OUT: Final = (
     decision(_TAKE_OUT),
 )
 def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A private key stands in a file that enclaves carry or that lies beside them, and is not an enclave's key.pem.
+    """A private key is in a file that enclaves carry or that lies beside them, and is not an enclave's key.pem.
 
     `openssl req -x509 -keyout ca.pem -out ca.pem` writes key and certificate into one file; as a CA file it goes on
-    every robot. Whose key it is changes nothing: nobody needs one there. Where a certificate of the keystore has it,
-    the finding names the holder, for the first 64 such files. A second key in key.pem counts as well. In a tree that
-    goes on a robot (--deployed), so does a key in any other file, as in a backup; KA109 speaks of those that
-    authorities' names are on. Keys are seen in PEM anywhere in a file, and in DER; a text that only quotes the first
-    line of one holds none.
+    every robot. Nobody needs a key there, whoever owns it. If a certificate of the keystore has it, the finding names
+    the holder, for the first 64 such files. A second key in key.pem counts as well. In a tree that goes on a robot
+    (--deployed), so does a key in any other file, as in a backup. For files with authorities' names, see KA109. Keys
+    are seen in PEM anywhere in a file, and in DER; a text that only quotes a key's first line holds none.
     """
     holders = _holders(keystore)
     held = {key.file.place: key for key in (*keystore.authority_keys, *keystore.further_keys)}
@@ -153,7 +152,7 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     for file in _keys_on_robots(keystore, context):
         key = held.get(file.place)
         own = rename(file.place, Role.KEY)
-        anew = _authority_anew({*key.keys}, keystore, "Take the key out of the file.") if key else None
+        anew = _authority_anew({*key.keys}, keystore, "Remove the key from the file.") if key else None
         whose = _whose(key, holders) if key else ""
         yield Violation(
             f"A private key is in {file.place}, which goes on robots{whose}.",
@@ -177,8 +176,9 @@ def _keys_on_robots(keystore: Keystore, context: Context) -> Iterator[File]:
 
 
 def _authority_anew(keys: AbstractSet[str | None], keystore: Keystore, first: str) -> Remedy | None:
-    """How to replace the authority that has one of these keys, in each of its roles, after what is done `first`; None:
-    it is that of none.
+    """How to replace the authority that has one of these keys, in each of its roles, after what is done `first`.
+
+    None: no authority has one.
     """
     trusted = {
         role: {certificate.key for enclave in keystore.enclaves for certificate in enclave.trusts(role)}
@@ -186,7 +186,7 @@ def _authority_anew(keys: AbstractSet[str | None], keystore: Keystore, first: st
     }
     return authority_anew(
         [role for role in trusted if trusted[role] & keys],
-        f"{first} Whoever had the file has the key, so that the authority needs another.",
+        f"{first} Replace the authority's key: whoever had the file has it.",
     )
 
 
@@ -239,9 +239,9 @@ def _holders(keystore: Keystore) -> dict[str | None, str]:
 def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Other users of the machine may read an authority's private key, and then issue identities or sign rights.
 
-    A note where keystores are made, high in a tree that goes on a robot (--deployed). A key that has no business where
-    it lies (KA118) is among these: who accepts that it is there has not accepted who may read it. Directories above it,
-    owners and access control lists are not looked at.
+    A note where keystores are made, high in a tree that goes on a robot (--deployed). A key that should not be in its
+    place (KA118) counts too: to accept that place is not to accept who may read it. Directories above it, owners and
+    access control lists are not checked.
     """
     for file in keystore.layout.authority_keys:
         if _open_to_others(file):
@@ -283,7 +283,7 @@ def key_does_not_match_certificate(enclave: Enclave) -> Iterator[Violation]:
     stops=True,
 )
 def private_key_unreadable(enclave: Enclave) -> Iterator[Violation]:
-    """The private key is in a form that we do not read, so whether the enclave can start is unknown.
+    """The private key is in a form that we do not read, so it is unknown whether the enclave can start.
 
     A build of OpenSSL with other providers may read it.
     """
@@ -297,12 +297,14 @@ def private_key_unreadable(enclave: Enclave) -> Iterator[Violation]:
     "KA211",
     Severity.HIGH,
     "DDS-Security 1.1, 9.3.1 (dds.sec.auth.password); measured: ROS 2 passes none",
-    decision("Take the password off: `openssl pkey -in key.pem -out new.pem`, and move that over key.pem (mode 0600)."),
+    decision(
+        "Remove the password: `openssl pkey -in key.pem -out new.pem`, then replace key.pem by new.pem (mode 0600)."
+    ),
     applies=lambda enclave, _context: enclave.key is not None,
     stops=True,
 )
 def private_key_encrypted(enclave: Enclave) -> Iterator[Violation]:
-    """The private key needs a password. ROS 2 passes none to the implementation, so that the enclave cannot start."""
+    """The private key needs a password, and ROS 2 passes none to the implementation, so the enclave cannot start."""
     if enclave.key is not None and enclave.key.encrypted:
         defects = list(of_kinds(enclave.key.defects, Kind.KEY_ENCRYPTED))
         found = listed(dict.fromkeys(each.detail for each in defects))
@@ -313,9 +315,9 @@ def private_key_encrypted(enclave: Enclave) -> Iterator[Violation]:
 
 
 _ANEW: Final = decision(
-    "Make every such key anew with a random generator that you trust, and let nothing accept the old one any more: an "
-    "enclave's by `explain KA209 --for KEYSTORE` (its old cert.pem and key.pem taken away), an authority's with all "
-    "that it issued and signed."
+    "Replace every such key, with a random generator that you trust, and let nothing accept the old one. For an "
+    "enclave, delete cert.pem and key.pem and use `explain KA209 --for KEYSTORE`. For an authority, issue and sign "
+    "again all that it issued and signed."
 )
 
 
@@ -326,18 +328,18 @@ _ANEW: Final = decision(
     _ANEW,
 )
 def private_key_others_have(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """Anybody can have the private half of a key: it is that identity, or issues and signs as that authority.
+    """Anybody can have the private half of a key, and act as that identity or authority.
 
-    Looked at are the keys of all certificates that were read, and the ECDSA signatures in certificates, revocation
-    lists and documents, with those of the other keystores of the run. Found are: signatures by one key over different
-    content that share r (the key of an authority was computed from two public .p7s files), in as far as a key here made
-    them; EC scalars within 2^8 of zero; points that are negatives of each
-    other; RSA with an exponent below 65537, with a prime factor below 2^16, with primes that Fermat's method finds in
-    100 steps, with a factor that another key of the run has, and with the fingerprint of ROCA (Nemec and others, CCS
-    2017). No private value is in any report. Published keys are those of the samples of keystore-audit: info where
-    keystores are made, since a sample is what it says it is, and critical in a tree that goes on a robot (--deployed).
-    Debian's weak keys of 2008 are not among them, since no package of Debian has the list any more; and a key that was
-    made badly in another way looks like any other.
+    Checked are the keys of all certificates that were read, and the ECDSA signatures in certificates, revocation lists
+    and documents. Those of the run's other keystores are included. Found are signatures by one key over different
+    content that share r, if a key here made them. (The key of an authority was computed from two public .p7s files.)
+    Found are EC scalars within 2^8 of zero, and points that are negatives of each other. Found is RSA with an exponent
+    below 65537, a prime factor below 2^16, or primes that Fermat's method finds in 100 steps. So is RSA with a factor
+    that another key of the run has, or with the fingerprint of ROCA (Nemec and others, CCS 2017).
+
+    No report holds a private value. Published keys are those of keystore-audit's samples: info where keystores are
+    made, critical in a tree that goes on a robot (--deployed). Not found are Debian's weak keys of 2008, since no
+    Debian package has the list any more. A key that was made badly in another way looks like any other.
     """
     own, others = material_of_keystore(keystore), context.beside.shared.material if context.beside else Material()
     keys = {each.key for each in own.keys}

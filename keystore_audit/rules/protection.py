@@ -1,7 +1,7 @@
 """KA4: the protection kinds of the governance (DDS-Security 1.1, 9.4.1.2.4, 9.4.1.2.6 and 9.5).
 
-Which keys protect what: rtps whole messages, for every participant of the domain; metadata the submessages of a
-writer, for those that may read it; data its payload, for those that may read it.
+Rtps keys protect whole messages, and every participant of the domain holds them. Metadata keys protect a writer's
+submessages, data keys its payload; those that may read it hold them.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ def _said(domain_rule: DomainRule, topic_rule: TopicRule) -> str:
 def rtps_protection_none(use: GovernanceUse) -> Iterator[Violation]:
     """Whole messages are neither authenticated nor encrypted.
 
-    Headers, time stamps and the submessages that belong to no topic can then be forged from outside, whatever protects
-    the topics.
+    Outsiders can then forge headers, time stamps and the submessages that belong to no topic, whatever protects the
+    topics.
     """
     for domain_rule, violation in in_domains(use):
         if domain_rule.rtps_protection_kind is ProtectionKind.NONE:
@@ -69,13 +69,11 @@ def rtps_protection_none(use: GovernanceUse) -> Iterator[Violation]:
     "KA408",
     Severity.INFO,
     "DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
-    in_governance(
-        "Where it matters who talks to whom, set <rtps_protection_kind> to ENCRYPT, which costs computing time"
-    ),
+    in_governance("Set <rtps_protection_kind> to ENCRYPT if it matters who talks to whom; this costs computing time"),
     applies=speaks,
 )
 def rtps_protection_sign_only(use: GovernanceUse) -> Iterator[Violation]:
-    """Message headers are authenticated and readable: who talks to whom, when and how much. sros2 ships it so."""
+    """Message headers are authenticated but readable: who talks to whom, when and how much. sros2 ships it so."""
     for domain_rule, violation in in_domains(use):
         kind = domain_rule.rtps_protection_kind
         if kind.authenticates and not kind.encrypts:
@@ -96,8 +94,8 @@ def rtps_protection_sign_only(use: GovernanceUse) -> Iterator[Violation]:
 def discovery_unprotected(use: GovernanceUse) -> Iterator[Violation]:
     """Topic names and types are readable in discovery.
 
-    SIGN hides nothing: only an encrypting kind does, or rtps_protection_kind where it encrypts. The handshake shows
-    each permissions document in clear whatever is set here.
+    SIGN hides nothing: only an encrypting kind does, or an encrypting rtps_protection_kind. The handshake shows each
+    permissions document in clear in any case.
     """
     for domain_rule, violation in in_domains(use):
         kind = domain_rule.discovery_protection_kind
@@ -125,7 +123,7 @@ def discovery_unprotected(use: GovernanceUse) -> Iterator[Violation]:
 def liveliness_unprotected(use: GovernanceUse) -> Iterator[Violation]:
     """Liveliness messages can be forged: a writer that died is kept alive for its readers.
 
-    By any participant of the domain, and from outside where rtps_protection_kind is NONE too. Documents of
+    Any participant of the domain can do so, and outsiders too if rtps_protection_kind is NONE. Documents of
     DDS-Security 1.0 have no such element for topics.
     """
     for domain_rule, violation in in_domains(use):
@@ -153,11 +151,10 @@ def liveliness_unprotected(use: GovernanceUse) -> Iterator[Violation]:
     applies=speaks,
 )
 def metadata_protection_none(use: GovernanceUse) -> Iterator[Violation]:
-    """Submessages are not protected from those who may not read the topic.
+    """Submessages are not protected from participants that may not read the topic.
 
-    Sequence numbers, heartbeats and acknowledgements can be forged by any participant, or from outside where
-    rtps_protection_kind is NONE, and samples replayed. Where no kind authenticates anything, samples-unauthenticated
-    says so alone.
+    Any participant can forge sequence numbers, heartbeats and acknowledgements, and replay samples; outsiders too, if
+    rtps_protection_kind is NONE. If no kind authenticates anything, see samples-unauthenticated.
     """
     for domain_rule, topic_rule, violation in in_topics(use):
         none = topic_rule.metadata_protection_kind is ProtectionKind.NONE
@@ -199,8 +196,8 @@ def payload_in_clear(use: GovernanceUse) -> Iterator[Violation]:
 def payload_open_to_insiders(use: GovernanceUse) -> Iterator[Violation]:
     """Only whole messages are encrypted, with keys that every participant of the domain holds.
 
-    An identity without a grant for the topic reads it off the network, and forges on it where metadata and data kind
-    are NONE.
+    An identity without a grant for the topic reads it off the network, and forges on it if metadata and data kind are
+    NONE.
     """
     for domain_rule, topic_rule, violation in in_topics(use):
         rtps, metadata, data = _kinds(domain_rule, topic_rule)
@@ -245,7 +242,7 @@ def samples_unauthenticated(use: GovernanceUse) -> Iterator[Violation]:
     applies=speaks,
 )
 def data_protection_none(use: GovernanceUse) -> Iterator[Violation]:
-    """Submessages are encrypted, the payload in them is not: relays and stores of durable data see it in clear."""
+    """Submessages are encrypted, but not the payload in them: relays and stores of durable data see it in clear."""
     for _domain_rule, topic_rule, violation in in_topics(use):
         kind = topic_rule.data_protection_kind
         if topic_rule.metadata_protection_kind.encrypts and not kind.encrypts:
@@ -269,9 +266,9 @@ _REFUSE_CONTRADICTION: Final = tuple(
     stops=True,
 )
 def unauthenticated_with_rtps_protection(use: GovernanceUse) -> Iterator[Violation]:
-    """Participants without a certificate are let in, though every message is protected by keys that they cannot have.
+    """Participants without a certificate are admitted, but keys that they cannot have protect every message.
 
-    Fast DDS from 2.6.5 and 2.10.2 on refuses to start with it; Cyclone DDS starts, and the plain peer gets no data
+    Fast DDS from 2.6.5 and 2.10.2 on refuses to start with it. Cyclone DDS starts, and the plain peer gets no data
     (measured).
     """
     for domain_rule, violation in in_domains(use):

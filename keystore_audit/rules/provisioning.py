@@ -25,8 +25,8 @@ _LATER: Final = timedelta(days=1)
 """How much later than its certificate an enclave's permissions are signed where both were made in one go."""
 
 _ASTRAY: Final = decision(
-    "Delete the key where it does not belong. Whoever had that robot may have a copy: give the enclave whose it is a "
-    "new identity, and revoke the old certificate or let no grant name its subject any more."
+    "Delete the key where it does not belong. Whoever had that robot may have a copy: give the key's enclave a new "
+    "identity. Revoke the old certificate, or let no grant name its subject."
 )
 
 _Shared = tuple[Enclave, Certificate, Identity]
@@ -41,18 +41,17 @@ def _deployed(_keystore: Keystore, context: Context) -> bool:
     Severity.LOW,
     "NIST SP 800-57 part 1 revision 5, 5.3.6 (one to two years for authentication keys)",
     decision(
-        "Issue identities for a year or two, `openssl x509 -req -days 365` in place of sros2's ten years, "
-        "change <not_after> in permissions.xml before it is signed, and renew both in time."
+        "Issue identities for a year or two (`openssl x509 -req -days 365`), not for ten as sros2 does. Set "
+        "<not_after> in permissions.xml likewise before you sign it, and renew both in time."
     ),
     applies=_deployed,
 )
 def long_validity(keystore: Keystore) -> Iterator[Violation]:
     """Identities or grants are valid for more than two years.
 
-    A robot that is lost, sold or broken into keeps its identity and rights until they end; without revocation lists
-    that is the only end there is, and no run time asks for one. Looked at where the tree goes on a robot (--deployed).
-    Authorities, which have to outlast what they issue, are left aside, and so are grants for others than those who
-    carry them.
+    A robot that is lost, sold or broken into keeps its identity and rights until they end. Without revocation lists,
+    which no run time demands, nothing else ends them. Checked if the tree goes on a robot (--deployed). Not checked:
+    authorities, which have to outlast what they issue, and grants for others than the enclaves that carry them.
     """
     certificates = [each for each in _identities(keystore) if each[1].not_after - each[1].not_before > LONGEST]
     lasting = [(c.not_after, e.path, located(c)) for e, c in certificates]
@@ -88,24 +87,24 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
     "KA666",
     Severity.HIGH,
     "DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
-    decision("Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker."),
+    decision("Give every robot its own keys and subjects, for example /robot1/talker and /robot2/talker."),
     applies=lambda _keystore, context: context.beside is not None,
 )
 def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """An enclave here and one in another keystore of this run have one identity key, or one subject under one CA.
+    """An enclave here and one in another keystore of this run share an identity key, or a subject under one CA.
 
-    With one key, whoever takes one robot passes for the other, and revoking one certificate stops both. So it is where
-    the key of one lies in the other keystore, in a backup for instance. With one subject (medium), a grant for either
-    is one for both: peers find grants by subject. Only keystores that are audited together are compared. Identities are
-    read for that before the audits begin; if an audit then reads others, it is incomplete.
+    With one key, whoever takes one robot passes for the other, and revoking one certificate stops both. The same holds
+    if one's key lies in the other keystore, in a backup for instance. With one subject (medium), a grant for either is
+    one for both, since peers find grants by subject. Only keystores that are audited together are compared. Identities
+    are read for that before the audits begin; if an audit then reads others, it is incomplete.
     """
     beside = context.beside
     if beside is None:
         return
     if beside.compared != compared_of(keystore):
         yield Violation(
-            "The identities here are not those that were compared with the other keystores', moments before: "
-            "who shares them is unknown.",
+            "The identities here have changed since they were compared with the other keystores': who shares "
+            "them is unknown.",
             (Location("."),),
             remedy=decision("Run the audit again while nobody writes into the keystore."),
             undecided=True,
@@ -200,17 +199,17 @@ def _twins(keystore: Keystore, found: Sequence[_Shared]) -> set[str]:
     Severity.INFO,
     "RFC 5652, 11.3 (signingTime); DDS-Security 1.1, 9.4.1.3 (grants name a subject, and have dates)",
     decision(
-        "Where rights were taken away, issue the identity again under another subject, or wait until the "
-        "dates of the older documents are past."
+        "Issue the identity again under another subject if rights were taken away, or wait until older "
+        "documents have expired."
     ),
     applies=_deployed,
 )
 def certificate_older_than_permissions(keystore: Keystore) -> Iterator[Violation]:
-    """Permissions were signed more than a day after the certificate that they are for was issued.
+    """Permissions were signed more than a day after their certificate was issued.
 
-    So it is where rights were changed and the identity was kept. If there were other permissions before, they go on
-    counting until their dates end; whether there were cannot be known from these files. The time is the signer's own
-    word, looked at where the permissions CA signed and the tree goes on a robot (--deployed).
+    So it is if rights were changed and the identity was kept. Earlier permissions, if there were any, count until their
+    dates end; these files cannot tell. The signer itself states the time. Checked if the permissions CA signed and the
+    tree goes on a robot (--deployed).
     """
     later: dict[str, tuple[datetime, datetime, Location]] = {}
     for use in permissions_uses(keystore):

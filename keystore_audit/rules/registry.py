@@ -99,11 +99,11 @@ class Violation(Struct, frozen=True):
 
     `locations`: all, the primary place first; what is there twice counts once. `enclave`: the one that it is about,
     where that is not the only one of its subject. `severity`: where it depends on profile or option, else the rule's.
-    `profiles`: canonical variants that it holds for (empty: it is about none of them); findings name them where it is
+    `profiles`: canonical variants that it holds for (empty: it is about none of them). Findings name them where it is
     not about all that are chosen (`judge`). `undecided`: something stays unknown because of it,
     so the audit is incomplete. `key`: what tells it from others at its first place, without line numbers,
-    which reformatting changes. `against`: places that the finding does not list, and that it is about as well: the
-    grants of its own that an enclave gets more than, say. `explains`: the properties that this one is a cause of, where
+    which reformatting changes. `against`: places that it is about as well, and that the finding does not list. Such are
+    the own grants of an enclave that gets more. `explains`: the properties that this one is a cause of, where
     they are not the rule's (None: the rule's). `shared`: it is said of each of several subjects in the same words, and
     is one finding for all of them. `properties`: of a rule about any property, the ids of those that it is about.
     `sent`: as in `Finding`.

@@ -47,13 +47,13 @@ def sign_again(text: str) -> Remedy:
 
 
 COVER_DOMAIN: Final = in_governance(
-    "Set ROS_DOMAIN_ID to a domain that the governance covers, or let it cover this one (and <domains> in "
-    "permissions.xml too)"
+    "Set ROS_DOMAIN_ID to a governed domain, or let the governance cover this one (and <domains> in permissions.xml "
+    "too)"
 )
 
 ALLOW_DOMAINS: Final = in_permissions(
-    "Give the grant an allow rule for every domain that the governance covers (sros2 writes that of ROS_DOMAIN_ID, set "
-    "as on the robots)"
+    "Give the grant an allow rule for every governed domain (sros2 writes that of ROS_DOMAIN_ID: set it as on the "
+    "robots)"
 )
 
 LINKED: Final = (Role.GOVERNANCE, Role.IDENTITY_CA, Role.PERMISSIONS_CA)

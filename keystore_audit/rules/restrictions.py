@@ -40,7 +40,7 @@ def _open_range(domains: DomainRange) -> str | None:
     """What an `<id_range>` with one bound means to whom, None where it has both."""
     if domains.high is None and domains.low is not None:
         return (
-            f"<id_range> has no <max>: {_ALONE} read domain {domains.low} alone, the specification and {_FROM_IT_ON} "
+            f"<id_range> has no <max>: {_ALONE} read only domain {domains.low}, the specification and {_FROM_IT_ON} "
             "everything from it on"
         )
     if domains.low is None and domains.high is not None:
@@ -83,8 +83,8 @@ _HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in
 def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """A governance or permissions document names a domain above 230.
 
-    Cyclone DDS refuses the whole document, so that its enclaves start in no domain: high where it is among the chosen
-    profiles. Above 232 there are no ports.
+    Cyclone DDS refuses the whole document, so its enclaves start in no domain: high if it is among the chosen profiles.
+    Above 232 there are no ports.
     """
     for domains in _ranges(use):
         highest = max(domains.low or 0, domains.high or 0)
@@ -114,7 +114,7 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
     Severity.HIGH,
     "DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
     decision(
-        "Let both name one domain, that of ROS_DOMAIN_ID on the robots, in the .xml. If enclaves carry "
+        "Let grant and governance name one domain, that of ROS_DOMAIN_ID on the robots. If enclaves carry "
         "different governances (KA416), begin there.",
         Act.EDIT,
     ),
@@ -122,9 +122,9 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
     stops=True,
 )
 def grant_outside_governance_domains(use: PermissionsUse) -> Iterator[Violation]:
-    """No allow rule of the enclave's grant names a domain that its governance covers, so that it can take part in none.
+    """No allow rule of the enclave's grant names a governed domain, so the enclave can take part in none.
 
-    Fast DDS creates the participant all the same, and peers refuse its endpoints (measured).
+    Fast DDS still creates the participant, and peers refuse its endpoints (measured).
     """
     for enclave in use.enclaves:
         file, own = enclave.governance, own_grant(enclave)
@@ -154,8 +154,8 @@ def grant_outside_governance_domains(use: PermissionsUse) -> Iterator[Violation]
 def rule_domain_range_open(use: PermissionsUse) -> Iterator[Violation]:
     """An <id_range> of a rule lacks <min> or <max>, and implementations read different domains in it (measured).
 
-    Critical without <min>: evaluating such a rule crashes Cyclone DDS 0.10.2 (measured with its plugin). Permissions
-    come from peers too, so that one signed document takes others down.
+    Critical without <min>: evaluating such a rule crashes Cyclone DDS 0.10.2 (measured with its plugin). Peers send
+    permissions too, so one signed document stops others.
     """
     for grant in use.document.grants:
         for permission_rule in grant.rules:
@@ -173,15 +173,15 @@ def rule_domain_range_open(use: PermissionsUse) -> Iterator[Violation]:
     "KA638",
     Severity.HIGH,
     f"DDS-Security 1.1, 9.4.1.3.2.3 (data_tags); measured on {TESTED_ON}",
-    in_permissions("ROS 2 has no data tags: take <data_tags> out, and allow or deny what remains"),
+    in_permissions("Remove <data_tags>, which ROS 2 does not have, and allow or deny what remains"),
     applies=speaks,
 )
 def data_tags_ignored(use: PermissionsUse) -> Iterator[Violation]:
-    """A rule is limited to endpoints with certain data tags, and every implementation applies it to all endpoints.
+    """A rule is limited to endpoints with certain data tags, but every implementation applies it to all endpoints.
 
-    To the specification an allow rule with tags allows these alone, and a deny rule leaves all others alone. High where
-    more is allowed than it says, medium where more is denied. Everything else here is decided as implementations do,
-    without the tags, under `spec` too.
+    To the specification, an allow rule with tags allows only those, and a deny rule spares all others. High if more is
+    allowed than it says, medium if more is denied. Everything else here is decided as implementations do, without the
+    tags, under `spec` too.
     """
     for grant, each, criterion in _tagged(use):
         verb, operation = "allows" if each.allow else "denies", criterion.operation.value
@@ -190,8 +190,8 @@ def data_tags_ignored(use: PermissionsUse) -> Iterator[Violation]:
             use,
             grant,
             criterion.line,
-            f"A rule {verb} {operation} of {listed(map(quoted, topics))} to endpoints with certain data tags "
-            f"alone, and every implementation passes over the tags: it {verb} it to all.",
+            f"A rule {verb} {operation} of {listed(map(quoted, topics))} only to endpoints with certain data "
+            f"tags, but every implementation ignores the tags: it {verb} it to all.",
             severity=None if each.allow else Severity.MEDIUM,
             key=f"{grant.subject_name.text} {verb} {operation} {' '.join(topics)}",
         )
@@ -206,7 +206,9 @@ def _tagged(use: PermissionsUse) -> Iterator[tuple[Grant, PermissionsRule, Crite
 _ROS: Final = re.compile(f"{DISCOVERY_TOPIC}$|r[tqr]/")
 _ONE_CHARACTER: Final = re.compile(r"\?|\[[^\]]*\]")
 
-NO_PARTITIONS: Final = in_permissions("ROS 2 uses no partitions: take them out of the rules, and name the topics alone")
+NO_PARTITIONS: Final = in_permissions(
+    "Remove the partitions from the rules, and name only the topics; ROS 2 uses no partitions"
+)
 
 
 @rule(
@@ -217,13 +219,13 @@ NO_PARTITIONS: Final = in_permissions("ROS 2 uses no partitions: take them out o
     applies=speaks,
 )
 def partition_evaded(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """Where an endpoint may be in a partition that is a pattern, and so meet data that the rules keep from it.
+    """An endpoint may be in a partition that is a pattern, and so meet data that the rules keep from it.
 
-    To permissions the partition of an endpoint is a plain string, to matching it is a pattern (measured on Cyclone DDS
-    0.10.2 and Fast DDS 2.9.1): a denial in `secret` says nothing of `*`, and who is allowed in `?` may go into `*`.
-    Where an implementation takes a denial for one of the whole topic, in any partition, nothing gets around it
-    (deny-rule-blocks-topic). Properties, claims and flows count who is met so; `can` and `access` answer about the
-    plain name.
+    To permissions an endpoint's partition is a plain string; to matching it is a pattern (measured on Cyclone DDS
+    0.10.2 and Fast DDS 2.9.1). So a denial in `secret` says nothing of `*`, and who is allowed in `?` may go into `*`.
+    If an implementation takes a denial for one of the whole topic, in any partition, nothing gets around it
+    (deny-rule-blocks-topic). Properties, claims and flows count whom an endpoint meets so; `can` and `access` answer
+    about the plain name.
     """
     for grant in use.document.grants:
         for criterion in grant.allowed:
@@ -253,8 +255,8 @@ def of_no_node(use: PermissionsUse) -> Iterator[Violation]:
                 use,
                 grant,
                 place.line,
-                f"{quoted(grant.subject_name.text)} may {VERBS[operation]} {ros_name(topic)}{more_like(found)} in "
-                f"partition {quoted(place.text)} alone, and no ROS 2 node is in one: none may.",
+                f"{quoted(grant.subject_name.text)} may {VERBS[operation]} {ros_name(topic)}{more_like(found)} only "
+                f"in partition {quoted(place.text)}, and no ROS 2 node is in one: none may.",
                 remedy=NO_PARTITIONS,
                 key=f"{grant.subject_name.text} in partitions",
             )
@@ -270,8 +272,8 @@ def _beyond(use: PermissionsUse, grant: Grant, criterion: Criterion) -> Iterator
             use,
             grant,
             text.line,
-            f"{criterion.operation.value} is allowed in partitions that {quoted(text.text)} matches, and it matches "
-            f"{quoted(wider)}: an endpoint there meets those of all partitions that this matches as a pattern.",
+            f"{criterion.operation.value} is allowed in partitions that {quoted(text.text)} matches, even in "
+            f"{quoted(wider)}. An endpoint there meets those in all partitions that this matches as a pattern.",
             key=f"{grant.subject_name.text} {criterion.operation.value} {text.text}",
         )
 
@@ -309,8 +311,8 @@ def _evaded(use: PermissionsUse, context: Context) -> Iterator[Violation]:
                 use,
                 grant,
                 criterion.line,
-                f"{operation.value} is denied in {where} and allowed {allowing} in one that is a pattern, which no "
-                "denial matches: an endpoint there meets those of all partitions that the pattern matches.",
+                f"{operation.value} is denied in {where}, but allowed {allowing} in one that is a pattern, which no "
+                "denial matches. An endpoint there meets those in all partitions that the pattern matches.",
                 profiles=tuple(profiles),
                 key=f"{grant.subject_name.text} {operation.value} denied {' '.join(denied_in)}",
             )

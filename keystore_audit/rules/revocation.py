@@ -33,10 +33,10 @@ from keystore_audit.truth import Truth
 
 
 def new_list(first: str = "") -> Remedy:
-    """Another list; `first` says what besides."""
+    """Another list; `first` says what else to do."""
     return decision(
-        f"{first}Sign a new list with the identity CA (`openssl ca -gencrl`), which holds every identity that "
-        "was revoked so far, and copy it as crl.pem into every enclave."
+        f"{first}Sign a new list of every identity revoked so far with the identity CA (`openssl ca -gencrl`), "
+        "and copy it as crl.pem into every enclave."
     )
 
 
@@ -66,14 +66,14 @@ def _signed(use: RevocationUse, revocations: RevocationList) -> Truth:
     "KA212",
     Severity.HIGH,
     "RFC 5280, 6.3.3; DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl)",
-    decision("Take the enclave out of the keystore, or give it a new identity.", Act.ISSUE),
+    decision("Remove the enclave from the keystore, or give it a new identity.", Act.ISSUE),
     explains=("identities-chain-to-the-identity-ca",),
     stops=True,
 )
 def identity_revoked(keystore: Keystore) -> Iterator[Violation]:
     """A revocation list of this keystore names an enclave's identity: whoever carries the list refuses the enclave.
 
-    Enclaves that do not carry it accept the identity as before. Lists that no identity CA signed revoke nothing here.
+    Enclaves without the list accept the identity as before. Lists that no identity CA signed revoke nothing here.
     """
     lists = [
         (use, revocations)
@@ -106,8 +106,7 @@ def identity_revoked(keystore: Keystore) -> Iterator[Violation]:
 def crl_invalid(use: RevocationUse, context: Context) -> Iterator[Violation]:
     """The revocation list does not parse, or the identity CA did not make it: it revokes nothing.
 
-    OpenSSL, told to check revocation and finding no list that it can use, refuses every identity: the enclaves that
-    carry it talk to nobody.
+    OpenSSL finds no list that it can use, and refuses every identity: the enclaves that carry it talk to nobody.
     """
     yield from defective(of_kinds(use.defects, Kind.CRL_UNREADABLE), "whom it revokes is unknown.", undecided=True)
     yield from defective(
@@ -147,9 +146,9 @@ def _of_another_issuer(use: RevocationUse, at: datetime) -> Iterator[Violation]:
         revocations = use.in_use[0]
         yield Violation(
             f"No revocation list can be used for {paths(enclaves)} by "
-            f"{implementations(VARIANTS[name] for name in names)}: the first certificate on the identity's chain with "
-            f"the name {quoted(revocations.issuer)} did not sign it, or its keyUsage does not let it sign lists, or "
-            "there is none.",
+            f"{implementations(VARIANTS[name] for name in names)}. On the identity's chain, the first certificate "
+            "named "
+            f"{quoted(revocations.issuer)} did not sign it or may not sign lists (keyUsage), or there is none.",
             (located(revocations),),
             enclave=sole(enclaves),
             profiles=names,
@@ -226,7 +225,7 @@ def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
 def crl_not_everywhere(keystore: Keystore) -> Iterator[Violation]:
     """Some enclaves carry a revocation list and others none, or another one.
 
-    A revoked identity is refused only where the list is. Compared are the bytes of crl.pem; a list that could not be
+    A revoked identity is refused only where the list is. The bytes of crl.pem are compared; a list that could not be
     read counts as another one.
     """
     lists: dict[str | None, list[Enclave]] = {}
@@ -249,12 +248,12 @@ def crl_not_everywhere(keystore: Keystore) -> Iterator[Violation]:
     "KA229",
     Severity.HIGH,
     "RFC 5280, 5.2.4 (delta lists) and 6.3.3; measured: run times read the first list of crl.pem",
-    new_list("Let one complete list say all that is revoked. "),
+    new_list("Use one complete list. "),
 )
 def revocation_without_effect(use: RevocationUse) -> Iterator[Violation]:
-    """What was revoked is in force: a list behind the first, a delta, or an entry that is passed over says so alone.
+    """Revoked identities are still accepted: the list is a delta, a second list, or has entries that are ignored.
 
-    OpenSSL, as the implementations ask it, takes a delta for a complete list (measured): whatever its base revokes is
+    OpenSSL, as the implementations call it, takes a delta for a complete list (measured): what its base revokes is
     accepted again.
     """
     for revocations in use.in_use:
@@ -262,7 +261,7 @@ def revocation_without_effect(use: RevocationUse) -> Iterator[Violation]:
             yield _about(
                 use,
                 revocations,
-                f"The revocation list of {paths(use.enclaves)} is a delta, which tells changes alone: what the list "
+                f"The revocation list of {paths(use.enclaves)} is a delta, which holds only changes: what the list "
                 "before it revokes is accepted.",
                 f"delta {revocations.issuer}",
             )
@@ -271,7 +270,7 @@ def revocation_without_effect(use: RevocationUse) -> Iterator[Violation]:
             yield _about(
                 use,
                 revocations,
-                f"Run times pass over {counted(len(serials), 'entry', 'entries')} in the revocation list of "
+                f"Run times ignore {counted(len(serials), 'entry', 'entries')} in the revocation list of "
                 f"{paths(use.enclaves)}, of another issuer (certificateIssuer) or behind one that takes the number "
                 f"back: {listed(serials)}.",
                 f"entries {revocations.issuer} {' '.join(serials)}",
@@ -282,7 +281,7 @@ def revocation_without_effect(use: RevocationUse) -> Iterator[Violation]:
         unheard = sorted(revocations.revoked - known)
         if unheard:
             yield Violation(
-                f"Run times read the first revocation list of {paths(use.enclaves)} alone, and one behind it "
+                f"Run times read only the first revocation list of {paths(use.enclaves)}, and one behind it "
                 f"revokes {len(unheard)} more: {listed([f'{serial:X}' for serial in unheard])}.",
                 (located(revocations), located(first, "the list that is read")),
                 key=" ".join([revocations.issuer, *(f"{serial:X}" for serial in unheard)]),

@@ -18,7 +18,7 @@ from keystore_audit.rules.registry import VERBS, Context, Violation, listed, loc
 from keystore_audit.rules.remedies import in_permissions
 
 _PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
-_FEWER: Final = in_permissions("Write fewer expressions with several wildcards, and name each service and action")
+_FEWER: Final = in_permissions("Use fewer expressions with several wildcards, and name each service and action")
 _DOES: Final = {"request": "request", "reply": "answer", "call": "call", "execute": "execute"}
 
 
@@ -70,9 +70,9 @@ def _half(path: str, found: Sequence[Half]) -> Violation:
 def half_service(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may ask a service and not read its answers, or the reverse: the node fails when it makes the endpoint.
 
-    Decided over all service names, after deny rules and as each implementation reads the patterns. The half that is
-    there has to come from an allow rule that names requests or replies (`rq/`, `rr/`): who may read `*` records. A
-    service that an action is made of is half-action's.
+    Decided over all service names, after deny rules and as each implementation reads the patterns. Only an allow rule
+    that names requests or replies (`rq/`, `rr/`) counts: a reader of `*` records. For a service of an action, see
+    half-action.
     """
     yield from _halves(context, SERVICE_ROLES)
 
@@ -87,10 +87,10 @@ def half_service(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     ),
 )
 def half_action(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """An enclave may use a part of an action's three services and two topics: its client or server is not made.
+    """An enclave may use only part of an action's three services and two topics: its client or server is not made.
 
-    Looked at where an expression names the action for one (with `/_action/`) on one of its services, or lists a topic
-    of it by name for publishing. Whoever only reads feedback and status watches, and may.
+    Checked if an expression names the action (with `/_action/`) on one of its services, or lists one of its topics by
+    name for publishing. Reading only feedback and status is watching, and no finding.
     """
     yield from _halves(context, ACTION_ROLES)
 
@@ -135,14 +135,14 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
     "KA632",
     Severity.HIGH,
     "ROS 2 design, parameters (services of every node); ROS 2 design, SROS2 access control policies (least privilege)",
-    in_permissions("Let each enclave ask the parameter services of its own nodes alone"),
+    in_permissions("Let each enclave use only the parameter services of its own nodes"),
 )
 def parameter_services_of_others(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may set parameters of a node that runs in another enclave: it decides what that node does.
 
-    The node is another's where that one's own permissions let it answer the service, and the caller's do not list the
-    answer by name. Low where parameters can only be read. An enclave that may do everything has
-    allow-everything-permissions, and only that. A tool that configures others needs this right: accept the finding.
+    The node is another's if that enclave's permissions let it answer the service, and the caller's do not list the
+    answer by name. Low if parameters can only be read. For an enclave that may do everything, see
+    allow-everything-permissions. A tool that configures others needs this right: accept the finding for it.
     """
     yield from _reaches(context, "parameters")
 
@@ -151,13 +151,13 @@ def parameter_services_of_others(_keystore: Keystore, context: Context) -> Itera
     "KA633",
     Severity.HIGH,
     "ROS 2 design, managed nodes (change_state); ROS 2 design, SROS2 access control policies (least privilege)",
-    in_permissions("Let the one enclave that manages the node ask change_state, and no other"),
+    in_permissions("Let only the enclave that manages the node ask change_state"),
 )
 def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may change the state of a managed node that runs in another enclave: it starts and stops it.
 
-    Low where the state can only be read. Whose node it is, parameter-services-of-others says. A lifecycle manager needs
-    this right: accept the finding for it.
+    Low if the state can only be read. How a node's enclave is found, see parameter-services-of-others. A lifecycle
+    manager needs this right: accept the finding for it.
     """
     yield from _reaches(context, "states")
 
@@ -166,12 +166,13 @@ def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Itera
     "KA634",
     Severity.MEDIUM,
     "ROS 2 design, SROS2 access control policies (least privilege); analysis of who may publish rr/NAMEReply",
-    in_permissions("Let one enclave alone reply on each service"),
+    in_permissions("Let only one enclave reply on each service"),
 )
 def service_served_by_several(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """Two enclaves may answer one service: a client takes the answer of either, so that one can be a false server.
+    """Two enclaves may answer one service: a client accepts either answer, so one of them can be a false server.
 
-    Services that permissions list by name; an enclave with a pattern that matches what others list is told apart.
+    Checked for services that permissions list by name. An enclave with a pattern that matches what others list is
+    reported apart.
     """
     ros = context.meaning.ros
     for rivals, profiles in ros.rivals if ros is not None else ():
@@ -214,18 +215,17 @@ _USES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
     in_permissions("Name each topic, and each action"),
 )
 def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A pattern for topics takes in the feedback and the status of actions, which it does not name.
+    """A pattern for topics also covers the feedback and the status of actions, which it does not name.
 
-    Medium where it lets the enclave publish those of an action that another enclave serves by name: clients of the
-    action then take what it says for the server's. A note where there is no such action yet. An enclave that may do
-    everything has allow-everything-permissions, and only that. Looked at is what an enclave's own document allows, as
-    the specification reads it.
+    Medium if it lets the enclave publish those of an action that another enclave serves by name. The action's clients
+    then take them for the server's. A note if there is no such action yet. For an enclave that may do everything, see
+    allow-everything-permissions. Judged by what an enclave's own document allows, as the specification reads it.
     """
     for found in context.meaning.ros.actions if context.meaning.ros is not None else ():
         of = f"which {found.owner} serves" if found.owner is not None else "if there is one"
         yield Violation(
-            f"By {quoted(found.expression)}{more(found.count)} {found.enclave} may {_USES[found.operation]} "
-            f"feedback and status of actions too, as of {found.action}, {of}.",
+            f"By {quoted(found.expression)}{more(found.count)} {found.enclave} may also {_USES[found.operation]} "
+            f"feedback and status of actions, such as {found.action}, {of}.",
             found.locations,
             enclave=found.enclave,
             severity=_severity(found),
@@ -244,18 +244,18 @@ def _severity(found: ActionPattern) -> Severity | None:
     Severity.MEDIUM,
     "ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made; "
     "ros2/rclcpp, node_type_descriptions.cpp (read)",
-    in_permissions("Allow get_type_description and what sros2's common/node.xml has, or start nodes without it"),
+    in_permissions("Allow get_type_description and what sros2's common/node.xml has, or start nodes without them"),
 )
 def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events, services.
 
-    Without ros_discovery_info, which Foxy and later publish and read in every process: DDS makes a participant,
-    ROS 2 gives it up, and nothing runs. A governance that leaves the topic open needs no grant for it. Without the
-    others a node fails unless it is told to do without: log, parameter events, the six parameter services, and since
-    Iron the service get_type_description, which sros2's own policies leave out, so that no node of Jazzy starts by
-    them unless its parameter start_type_description_service is false. The last is asked of nodes whose parameter
-    services are granted by name, where an implementation is asked about that only distributions since Iron ship.
-    /clock is read by nodes with simulated time alone.
+    Every process since Foxy publishes and reads ros_discovery_info. Without it, DDS creates a participant, ROS 2 gives
+    it up, and nothing runs. A governance that leaves the topic open needs no grant for it. The others are log,
+    parameter events, the six parameter services, and since Iron the service get_type_description. Without them a node
+    fails, unless it is told to do without. The policies of sros2 leave get_type_description out: no Jazzy node starts
+    by them unless its parameter start_type_description_service is false. It is checked for nodes whose parameter
+    services are granted by name, if a chosen implementation ships only in distributions since Iron. Only nodes with
+    simulated time read /clock.
     """
     ros = context.meaning.ros
     if ros is None:

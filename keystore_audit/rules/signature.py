@@ -1,6 +1,6 @@
 """KA3: who signed governance.p7s and permissions.p7s (DDS-Security 1.1, 9.4.1.1). Their form is in `envelope.py`.
 
-One document yields its most specific finding: signed by an identity, by the authority's key under another
+One document yields its most specific finding. It was signed by an identity, by the authority's key under another
 certificate, by somebody else, or not validly at all.
 """
 
@@ -167,7 +167,7 @@ def _expected(use: SignedUse) -> str:
     "KA301",
     Severity.CRITICAL,
     "DDS-Security 1.1, 9.4.1.1 (signed with the private key of the permissions CA)",
-    sign_again("Find out who signed it and why. Read the .xml before you sign it: it may be theirs, too."),
+    sign_again("Find out who signed it and why. Review the .xml before you sign it: it may be forged, too."),
     explains=_FORGED,
     applies=_comparable,
     stops=True,
@@ -175,10 +175,9 @@ def _expected(use: SignedUse) -> str:
 def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Violation]:
     """Somebody else than the permissions CA made the signature, and no identity of this keystore either.
 
-    Every SignerInfo has to be made by a certificate of the permissions CA file itself. Names prove nothing: every
-    authority that sros2 makes is called CN=sros2CA. Where the signer's certificate is neither in the keystore nor in
-    the message, whether the signature is valid cannot be known. Critical where all refuse it too: somebody may have
-    tried.
+    A certificate of the permissions CA file itself has to make every SignerInfo. Names prove nothing: sros2 calls every
+    authority CN=sros2CA. If the signer's certificate is neither in the keystore nor in the message, it is unknown
+    whether the signature is valid. Critical even if all refuse it: somebody may have tried.
     """
     for signer, signature in _makers(use, context, _Maker.STRANGER):
         got = (
@@ -203,9 +202,9 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
     Severity.CRITICAL,
     "DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
     decision(
-        "Treat the enclave as taken over: give it a new identity, use separate authorities for identities "
-        "and permissions, update implementations that accept such a document. Read the .xml before you sign "
-        "it: it may be theirs, too.",
+        "Treat the enclave as taken over, and give it a new identity. Use separate authorities for identities and "
+        "permissions, and update implementations that accept such a document. Review the .xml before you sign it: "
+        "it may be forged, too.",
         Act.SIGN,
     ),
     explains=_FORGED,
@@ -215,9 +214,8 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
 def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violation]:
     """An identity, not the permissions CA, made the signature: an enclave gave rights to itself or to another.
 
-    `openssl smime -verify -CAfile` says "Verification successful", and implementations that take any signer the
-    authority vouches for accept it (measured with real processes). What an identity signed on other machines is not
-    seen here.
+    `openssl smime -verify -CAfile` says "Verification successful". Implementations that take any signer the authority
+    vouches for accept it (measured with real processes). What an identity signed on other machines is not seen here.
     """
     for signer, _signature in _makers(use, context, _Maker.IDENTITY):
         if signer is None:
@@ -237,7 +235,7 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
     "KA303",
     Severity.CRITICAL,
     "RFC 5652, 5.4 and 5.6 (message digest, signature verification); DDS-Security 1.1, 9.4.1.1",
-    sign_again("Find out who changed the file. Read the .xml before you sign it: it may be theirs, too."),
+    sign_again("Find out who changed the file. Review the .xml before you sign it: it may be forged, too."),
     explains=(_SIGNED,),
     applies=_readable,
     stops=True,
@@ -245,14 +243,14 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
 def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
     """Content or signature were changed after signing.
 
-    Every implementation refuses the document, so that its enclaves cannot start; critical, since somebody changed what
-    robots are to obey. A changed line end is a change: sros2 and OpenSSL sign CRLF, and whoever turns it into LF inside
-    the signed part of a binary file breaks it.
+    Every implementation refuses the document, so its enclaves cannot start. Critical, since somebody changed what
+    robots have to obey. A changed line end counts: sros2 and OpenSSL sign CRLF, and LF in its place inside the signed
+    part breaks the signature.
     """
     for number, (named, signature) in enumerate(_makers(use, context, _Maker.NOBODY), start=1):
         mismatch = next(of_kinds(use.signed.defects, Kind.DIGEST_MISMATCH), None)
         if mismatch is not None or signature.digest_matches is False:
-            why = "the content is not what was signed, its digest is another"
+            why = "the content's digest is not the signed one"
         else:
             why = f"it does not verify under {quoted(named.subject)}, which it names" if named else "it names nobody"
         yield _violation(
@@ -275,14 +273,14 @@ def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
 def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation]:
     """The permissions CA's key made the signature, but the signature names another certificate of that key.
 
-    So it is after renewing the authority without signing again, or the other way round. Run times look for issuer and
+    So it is if the authority was renewed without signing again, or the other way round. Run times look for issuer and
     serial number and find no signer.
     """
     for signer, signature in _makers(use, context, _Maker.RENEWED):
         yield _violation(
             use,
             "The permissions CA's key signed, but the signature names a certificate with the serial number "
-            f"{signature.serial:x}; {_expected(use)}: the authority was renewed, and run times look for the serial "
+            f"{signature.serial:x}; {_expected(use)}. The authority was renewed, and run times look for the serial "
             f"number ({_consequence(use, context)}).",
             signer,
             f"{signature.serial:x}",
@@ -294,18 +292,19 @@ def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation
     Severity.HIGH,
     f"DDS-Security 1.1, 9.4.1.1; {facts.MESSAGES_MEASURED}",
     decision(
-        "Let permissions_ca.cert.pem hold one self-signed certificate, that of the signer, without a keyUsage that "
-        "forbids digital signatures, and let the message hold it too (no -nocerts)."
+        "Put one self-signed certificate alone into permissions_ca.cert.pem: that of the signer, without a keyUsage "
+        "that "
+        "forbids digital signatures. Put it into the message, too (no -nocerts)."
     ),
     applies=_comparable,
     stops=True,
 )
 def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Iterator[Violation]:
-    """The permissions CA signed, and some implementations refuse the document all the same.
+    """The permissions CA signed, but some implementations refuse the document.
 
-    Cyclone DDS and OpenDDS read the first certificate of the CA file alone. Implementations that do not pin the signer
-    look for its certificate in the message, want it fit for S/MIME signing and a chain to a self-signed one, and try
-    the first certificate of each name alone. High where a chosen profile refuses, else low.
+    Cyclone DDS and OpenDDS read only the first certificate of the CA file. Implementations that do not pin the signer
+    look for its certificate in the message. They want it fit for S/MIME signing and a chain to a self-signed one, and
+    try only the first certificate of each name. High if a chosen profile refuses, else low.
     """
     refusals: dict[str, list[Profile]] = {}
     for file in dict.fromkeys(file for _enclave, file in use.judging):

@@ -82,12 +82,12 @@ def genuine_for(signed: SignedDocument, enclaves: Sequence[Enclave]) -> int:
 EXCHANGED: Final = "The files of the two authorities hold each other's certificate."
 
 _IN_PUBLIC: Final = decision(
-    "Exchange public/identity_ca.cert.pem and public/permissions_ca.cert.pem; likewise the keys in private/ "
-    "if they are exchanged too, and copies in enclaves."
+    "Exchange public/identity_ca.cert.pem and public/permissions_ca.cert.pem, and copies in enclaves. Exchange "
+    "the keys in private/ if they are exchanged too."
 )
 _COPIES: Final = decision(
-    "Exchange identity_ca.cert.pem and permissions_ca.cert.pem in the folders of the enclaves, which have copies of "
-    "them; and in public/, and their keys in private/, only where these are exchanged too."
+    "Exchange identity_ca.cert.pem and permissions_ca.cert.pem in the folders of the enclaves, which have copies. "
+    "Exchange those in public/, and their keys in private/, only if they are exchanged too."
 )
 
 
@@ -173,8 +173,8 @@ class RevocationUse(Struct, frozen=True, kw_only=True):
 class SignedUse(Struct, frozen=True, kw_only=True):
     """A signed document and the enclaves whose verdict on it counts.
 
-    What its signatures are worth is worked out once: `envelope` apart from who signed, `may_be_taken` whether some
-    known implementation may take it in some of the enclaves, `genuine_for` how many have a CA that signed it.
+    What its signatures are worth is worked out once. `envelope`: apart from who signed. `may_be_taken`: whether some
+    known implementation may take it in some of the enclaves. `genuine_for`: how many have a CA that signed it.
     """
 
     signed: SignedDocument
@@ -241,7 +241,7 @@ class PermissionsUse(DocumentUse, frozen=True, kw_only=True):
 
 
 def taken(use: DocumentUse, _context: Context) -> bool:
-    """When rules apply that concern whoever may take a document, whatever it says."""
+    """When rules apply that concern everybody who may take a document, whatever it says."""
     return use.may_be_taken
 
 

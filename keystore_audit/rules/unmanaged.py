@@ -42,20 +42,18 @@ from keystore_audit.truth import Truth
 _CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"
 
 _REVOKE: Final = (
-    "Deleting the file does not end what it gives: whoever has a copy may present it until its dates end. Give the "
-    "enclave a certificate with another subject, or make a new permissions CA and sign every document again; then "
-    "delete it."
+    "Give the enclave a certificate with another subject, or make a new permissions CA and sign every document again. "
+    "Then delete the file. Deleting it alone is not enough: whoever has a copy can present it until its dates end."
 )
 
 _FIND_OUT: Final = (
-    "Find out what it holds (`openssl pkey -in FILE -pubout`), and take it out of "
-    "the keystore. If it is the identity of a robot, whoever has a copy goes on being that participant: revoke its "
-    "certificate, or let no grant name its subject."
+    "Find out what the file holds (`openssl pkey -in FILE -pubout`), and remove it from the keystore. If it is the "
+    "identity of a robot, revoke its certificate, or let no grant name its subject: copies stay usable."
 )
 
 _NEEDED_OR_NOT: Final = (
-    "If a robot needs it, move its folder below enclaves/, so that it is audited with the others. If not, delete the "
-    "key, and revoke the certificate or let no grant name its subject: whoever has a copy of both is this participant."
+    "Move its folder below enclaves/ if a robot needs it, so that it is audited too. Else delete the key, and revoke "
+    "the certificate or let no grant name its subject: copies stay usable."
 )
 
 _CRASHES: Final = (Kind.EMPTY_TOPIC, Kind.RULE_WITHOUT_DOMAINS, Kind.EMPTY_ELEMENT)
@@ -90,9 +88,9 @@ def _at(documents: Sequence[UnmanagedDocument]) -> list[Location]:
 def several_permissions_for_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An old or other permissions document, validly signed and in force, lies outside the enclaves.
 
-    A peer takes whatever valid document is presented to it, so that an enclave has the rights of all of them together,
-    and nothing revokes one: high where it gives what no enclave's own document does, else low, since a right that is
-    taken away later is still in it. Copies with the same bytes give nothing more; those kept elsewhere are not seen.
+    A peer accepts any valid document that is presented to it. So an enclave has the rights of all of them together, and
+    nothing revokes one. High if it gives an enclave what no own document does; else low, since a right that is removed
+    later is still in it. Copies with the same bytes give nothing more; those kept elsewhere are not seen.
     """
     granting = _granting(keystore, context)
     wider = [grant for grant in granting if grant.surplus is not None]
@@ -104,7 +102,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
         rename = renaming(keystore)(first.document, Role.PERMISSIONS) if one else ""
         yield Violation(
             f"{first.document} is validly signed and in force, and lets {first.enclave} {right}, which its own "
-            f"permissions do not: peers take it{more_like(wider)}.",
+            f"permissions do not: peers accept it{more_like(wider)}.",
             [grant.location for grant in wider],
             enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
             profiles=tuple(profiles),
@@ -118,8 +116,8 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
         give = "gives" if len(documents) == 1 else "give"
         yield Violation(
             f"{_documents(len(documents))} outside the enclaves {give} no more than theirs do, for now: "
-            f"{listed(documents)} for {listed(dict.fromkeys(grant.enclave for grant in equal))}. A right that is taken "
-            "away later stays usable.",
+            f"{listed(documents)} for {listed(dict.fromkeys(grant.enclave for grant in equal))}. A right that is "
+            "removed later stays usable.",
             [grant.location for grant in equal],
             severity=Severity.LOW,
             key="equal",
@@ -131,8 +129,8 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
     Severity.LOW,
     "DDS-Security 1.1, 9.4.1.2 (an enclave applies the governance that it is given)",
     decision(
-        "Delete it, or keep it where documents are signed; a governance that is validly signed takes the "
-        "place of another by copying one file."
+        "Delete it, or keep it where documents are signed: copying this one file is enough to replace another "
+        "governance."
     ),
     applies=_has_unmanaged,
 )
@@ -140,8 +138,8 @@ def signed_governance_at_large(keystore: Keystore) -> Iterator[Violation]:
     """A governance document that the permissions CA signed lies where no enclave applies it.
 
     It has no effect on enclaves. Whoever has an identity outside of them (KA668) may start with it: flows count that.
-    Whoever can write to a robot needs no key to put it in the place of the one in use, and old governances are often
-    weaker. Governance documents have no dates.
+    Whoever can write to a robot needs no key to replace the current governance by it. Old governances are often weaker,
+    and have no dates.
     """
     found = governance_apart(keystore)
     if found:
@@ -156,21 +154,21 @@ def signed_governance_at_large(keystore: Keystore) -> Iterator[Violation]:
     "KA662",
     Severity.INFO,
     _CLAUSE,
-    decision("Delete what is not needed; on a robot nothing but its own enclaves' documents is."),
+    decision("Delete what is not needed; a robot needs only its own enclaves' documents."),
     applies=_has_unmanaged,
 )
 def signed_document_without_effect(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A signed document outside the enclaves gives nothing to anybody here.
 
-    Either no peer here takes its signature, or none of its grants is in force and names an enclave here. It may count
-    where another authority is trusted, or once a grant's dates begin.
+    No peer here accepts its signature, or none of its grants is in force and names an enclave here. It may count where
+    another authority is trusted, or once a grant's dates begin.
     """
     files = permissions_cas(keystore)
     read = [each for each in keystore.unmanaged if each.document is not None]
     refused = [each for each in read if each.document and not may_be_taken(each.document.signed, files)]
     if refused:
         yield Violation(
-            f"{_documents(len(refused))} outside the enclaves that no peer here takes: "
+            f"{_documents(len(refused))} outside the enclaves that no peer here accepts: "
             f"{listed(each.place for each in refused)}.",
             _at(refused),
             key="refused",
@@ -182,7 +180,7 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
     idle = [s for s in read if s.place in places - granting - doubtful]
     if idle:
         yield Violation(
-            f"{_documents(len(idle))} outside the enclaves that peers would take, without a grant in force for "
+            f"{_documents(len(idle))} outside the enclaves that peers would accept, without a grant in force for "
             f"an enclave here: {listed(each.place for each in idle)}.",
             _at(idle),
             key="idle",
@@ -194,21 +192,20 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
     Severity.HIGH,
     "keystore-audit, docs/model.md (what is not read counts as able to do anything)",
     decision(
-        "Take the file out of the keystore if it is no document of it. A copy that peers may take goes on "
-        "counting wherever it is: find out what it says."
+        "Find out what the file says, and remove it if it is no document of the keystore. A copy that peers may "
+        "accept counts wherever it is."
     ),
     applies=_has_unmanaged,
 )
 def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A file may be a permissions document that peers take, and what it says is unknown.
+    """A file may be a permissions document that peers accept, and what it says is unknown.
 
-    No enclave has it, or it stands in an enclave's own where no implementation reads it and from where anybody can take
-    it. It carries the mark of a message and was not read as one (below other text, a signature in PEM, too large, one
-    of too many), or its XML has no single meaning; it then counts as giving everything to everybody. A text that only
-    quotes the mark, without a signature, is none. So does a governance document without a single meaning where somebody
-    has an identity outside the enclaves (KA668) and may start with it. Critical where it is of a form that ends the
-    process of the implementation that reads it, since permissions come from peers too. What is wrong with a signature
-    is in KA3.
+    No enclave has it, or an enclave has it where no implementation reads it and from where anybody can take it. It
+    has the mark of a message and is not read as one (below other text, a PEM signature, too large, one of too
+    many). Or its XML has no single meaning. It then counts as giving everything to everybody. A text that only quotes
+    the mark, without a signature, does not. A governance without a single meaning counts too, if somebody has an
+    identity outside the enclaves (KA668) and may start with it. Critical if its form ends the process that reads it,
+    since peers send permissions too. What is wrong with a signature is in KA3.
     """
     known = {each.place: each for each in (*unmanaged_permissions(keystore), *unmanaged_governance(keystore))}
     carried = {file.place: enclave.path for enclave in keystore.enclaves for file in enclave.files.every}
@@ -232,28 +229,28 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
 @rule(
     "KA668",
     Severity.HIGH,
-    "DDS-Security 1.1, 9.3.1 and 9.4.1.3 (whoever has the key of a certificate that the identity CA issued is a "
-    "participant, with what grants give its subject)",
+    "DDS-Security 1.1, 9.3.1 and 9.4.1.3 (whoever has the key of a certificate is a participant, with what grants "
+    "give its subject)",
     decision(_NEEDED_OR_NOT),
     applies=lambda keystore, _context: bool(
         keystore.identities.found or keystore.identities.possible or keystore.identities.unread
     ),
 )
 def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A certificate outside the enclaves, its private key somewhere in the tree, and peers that let it in.
+    """A certificate outside the enclaves has its private key somewhere in the tree, and peers accept it.
 
-    Whoever has the tree can start it: a run time needs no more than a folder of six files, and may get them from
-    anywhere. It is no enclave here; flows and properties count it among the participants. Peers let it in by a grant,
-    also one that begins later; by a governance with join access control off, where no grant is needed; or by
-    permissions that it signs itself, where it has the permissions CA's own key or the signer is not pinned. Medium
-    where an enclave has the same subject and all peers that take this identity take that enclave, too: the identity
-    has no further rights then. Certificates and keys are taken from wherever they stand in PEM, and from files in DER.
+    Whoever has the tree can start it: a run time needs only a folder of six files, from anywhere. It is no enclave
+    here; flows and properties count it among the participants. Peers accept it by a grant, even one that begins later,
+    or without one if join access control is off. Peers also accept permissions that it signs itself, if it has the
+    permissions CA's own key or the signer is not pinned. Medium if an enclave has the same subject and all peers that
+    accept this identity accept that enclave, too: it has no further rights then. Certificates and keys are read from
+    PEM anywhere, and from files in DER.
 
-    A certificate that an enclave has as its own, in a form that no run time reads, is left to certificate-unreadable.
+    For a certificate that an enclave has as its own, in a form that no run time reads, see certificate-unreadable.
 
-    Undecided where a key in PEM that cannot be read (a password) may be that of such a certificate, unless it lies
-    where those of authorities do, and where a file with the mark of a certificate or key cannot be read. What other
-    files hold that were not read (KA121) is assumed to be none.
+    Undecided if a PEM key that cannot be read (a password) may belong to such a certificate, unless it lies where
+    authorities' keys do. Also undecided if a file with the mark of a certificate or key cannot be read. Other files
+    that were not read (KA121) are assumed to hold none.
     """
     identities = keystore.identities
     unreadable = {enclave.files.files[Role.CERTIFICATE].place for enclave in keystore.enclaves if not enclave.identity}
@@ -269,7 +266,7 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     unread = identities.unread
     if unread:
         yield Violation(
-            f"{unread[0].place} may hold an identity that peers let in: it {unread[0].detail}{more_like(unread)}.",
+            f"{unread[0].place} may hold an identity that peers accept: it {unread[0].detail}{more_like(unread)}.",
             [Location(file.place) for file in unread],
             undecided=True,
             remedy=decision(_FIND_OUT),
@@ -281,10 +278,10 @@ def _started(found: Sequence[Admitted], rename: str) -> Violation:
     """Identities with their keys, all of which share their subjects with enclaves, or none."""
     first = found[0]
     same = first.enclave is not None
-    whose = f"another identity of {first.enclave}" if same else "an identity of its own and no enclave here"
+    whose = f"another identity of {first.enclave}" if same else "an identity that no enclave here has"
     return Violation(
         f"{first.certificate.path} is {whose} ({quoted(first.certificate.subject)}), its private key "
-        f"is in {first.key}, and peers let it in: whoever has this tree can start it{more_like(found)}.",
+        f"is in {first.key}, and peers accept it: whoever has this tree can start it{more_like(found)}.",
         [place for each in found for place in _identity_at(each)],
         severity=Severity.MEDIUM if same else None,
         key=f"{'same' if same else 'other'} subject",
@@ -297,7 +294,7 @@ def _perhaps_started(possible: Sequence[Admitted]) -> Iterator[Violation]:
     if possible:
         first = possible[0]
         yield Violation(
-            f"Peers let in whoever has the key of {first.certificate.path} "
+            f"Peers accept whoever has the key of {first.certificate.path} "
             f"({quoted(first.certificate.subject)}). Whether {first.key} holds it is unknown: it could not be read"
             f"{more_like(possible)}.",
             [place for each in possible for place in _identity_at(each, "perhaps its private key")],
@@ -319,18 +316,18 @@ def _identity_at(each: Admitted, key: str = "the private key") -> Iterator[Locat
     Severity.MEDIUM,
     "ros2/rmw_dds_common, security.cpp (enclaves lie in the folder enclaves/ of the keystore that is named)",
     decision(
-        "Audit this keystore with `-r`, which audits what lies in it too. Then move it out: whoever has this "
-        "keystore has its private keys."
+        "Audit this keystore with `-r`, which includes what lies in it. Then move the inner one out: whoever "
+        "has this keystore has its private keys."
     ),
 )
 def keystore_inside_keystore(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """Outside enclaves/ lies another keystore or an enclave, whole or not, and this audit does not judge it.
+    """Another keystore or an enclave, whole or not, lies outside enclaves/, and this audit does not judge it.
 
     A run time that is told of that folder uses it. Its documents and identities count here as far as peers of this
-    keystore take them (KA660, KA661, KA668); its own governance, authorities and rights are judged by no rule. So the
-    audit is incomplete where somebody can be started from it (it holds enclaves/, or a certificate and a private key)
-    and the same run does not audit it. In layouts before Foxy such a folder is an enclave of the keystore itself: one
-    that gets enclaves/ and public/ beside its enclaves is of the newer layout, and these are judged no more.
+    keystore accept them (KA660, KA661, KA668). No rule judges its own governance, authorities and rights. So the audit
+    is incomplete if somebody can be started from it and the same run does not audit it. That takes enclaves/, or a
+    certificate and a private key. In layouts before Foxy such a folder is an enclave of the keystore itself. A keystore
+    that gets enclaves/ and public/ beside such enclaves has the newer layout, and they are no longer judged.
     """
     nested = keystore.layout.nested
     if nested:

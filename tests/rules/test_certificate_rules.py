@@ -179,7 +179,10 @@ def test_a_private_key_that_lies_in_a_second_enclave_is_shared_too() -> None:
     store = keystore(enclave("/talker"), enclave("/listener", key=private_key("enclaves/listener/key.pem", "/talker")))
     assert codes(store) == ["KA209", "KA219"]
     (found,) = (each for each in judged(store).findings if each.code == "KA219")
-    assert found.message == ("The key file of /listener holds the private key of /talker: whoever has it is /talker.")
+    assert (
+        found.message
+        == "The key file of /listener holds the private key of /talker: whoever has it can act as /talker."
+    )
 
 
 def test_ardent_writes_names_without_a_slash() -> None:

@@ -105,7 +105,7 @@ def test_what_the_kinds_say_together(rtps: ProtectionKind, metadata: ProtectionK
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "says"), [(3, None, "domain 3 alone"), (None, 5, "no <min>"), (None, None, "no bounds")]
+    ("low", "high", "says"), [(3, None, "only domain 3"), (None, 5, "no <min>"), (None, None, "no bounds")]
 )
 def test_what_an_open_range_means_to_whom(low: int | None, high: int | None, says: str) -> None:
     found = findings("KA419", judged(governed(domain_rule(domains=[(low, high), (0, 0)]))(healthy())))

@@ -101,7 +101,7 @@ def test_foreign_files_are_named_in_one_finding() -> None:
     (finding,) = findings("KA121", judged(store))
     assert finding.severity is Severity.LOW
     assert finding.message.startswith("4 foreign files in the keystore: maps/, .git/, notes")
-    assert "history that git keeps in .git may hold keys" in finding.message
+    assert "git history in .git may hold keys" in finding.message
     assert [place.path for place in finding.locations] == ["maps", ".git", "notes"]
     (finding,) = findings("KA121", judged(store, deployed=True))
     assert finding.severity is Severity.HIGH
@@ -178,7 +178,7 @@ REFUSED = Usability(usable=Truth.NO, reasons=("it accepts no identity with a key
 @pytest.mark.parametrize(
     ("reasons", "told"),
     [
-        (("the governance does not cover domain 7",), "let it cover"),
+        (("the governance does not cover domain 7",), "governance cover"),
         (("the grant allows nothing in domain 7",), "allow rule"),
         (("the governance does not cover domain 7", *REFUSED.reasons), "prime256v1"),
     ],
@@ -187,7 +187,7 @@ def test_where_it_is_the_domain_no_certificates_are_made_anew(reasons: tuple[str
     """Cyclone DDS and a ROS_DOMAIN_ID that sros2 was not told of: the usual reason of all."""
     uncovered = Usability(usable=Truth.NO, reasons=reasons)
     (found,) = findings("KA117", judged(meaning=meaning(usability={("enclaves/talker", "cyclonedds-11"): uncovered})))
-    assert [each for each in ("prime256v1", "let it cover", "allow rule") if each in found.fix.text] == [told]
+    assert [each for each in ("prime256v1", "governance cover", "allow rule") if each in found.fix.text] == [told]
 
 
 def test_a_finding_that_is_no_reason_does_not_speak_for_it() -> None:

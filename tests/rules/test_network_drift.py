@@ -59,7 +59,7 @@ def told(keys: Path, network: Path, code: str = "KA822", **more: Any) -> list[st
     return [each.message for each in report.findings if each.code == code]
 
 
-BEYOND = "/talker can publish /chatter by the files, and permissions do not let it."
+BEYOND = "/talker can publish /chatter by the files, but permissions do not let it."
 
 
 @pytest.mark.parametrize(
@@ -96,13 +96,13 @@ def test_what_the_grant_says(change: str, expected: list[str], tmp_path: Path) -
     ("rule", "expected"),
     [
         ("0/chatter/*/*", []),
-        ("0/other/*/*", ["/talker can publish /other by the files, and permissions do not let it."]),
-        ("5/chatter/*/*", ["/talker can publish /chatter by the files, and permissions do not let it."]),
-        ("1000/chatter/*/*", ["/talker can publish /chatter by the files, and permissions do not let it."]),
-        ("0/**", ["/talker can publish /any by the files, and permissions do not let it."]),
-        ("0/arm/$*_cmd/**", ["/talker can publish /arm/any_cmd by the files, and permissions do not let it."]),
-        ("0/**/chatter/*/*", ["/talker can publish /any/chatter by the files, and permissions do not let it."]),
-        ("0/chatter/*/* 0/rosout/*/*", ["/talker can publish /rosout by the files, and permissions do not let it."]),
+        ("0/other/*/*", ["/talker can publish /other by the files, but permissions do not let it."]),
+        ("5/chatter/*/*", ["/talker can publish /chatter by the files, but permissions do not let it."]),
+        ("1000/chatter/*/*", ["/talker can publish /chatter by the files, but permissions do not let it."]),
+        ("0/**", ["/talker can publish /any by the files, but permissions do not let it."]),
+        ("0/arm/$*_cmd/**", ["/talker can publish /arm/any_cmd by the files, but permissions do not let it."]),
+        ("0/**/chatter/*/*", ["/talker can publish /any/chatter by the files, but permissions do not let it."]),
+        ("0/chatter/*/* 0/rosout/*/*", ["/talker can publish /rosout by the files, but permissions do not let it."]),
     ],
 )
 def test_what_the_files_let_in(rule: str, expected: list[str], tmp_path: Path) -> None:
@@ -123,8 +123,8 @@ def test_a_name_of_permissions_that_a_pattern_of_a_rule_lets_in(tmp_path: Path) 
     ("talker", "expected"),
     [
         ("publish|ALLOW", []),
-        ("publish|DENY", ["/talker can publish /chatter by the files, and the policy does not let it."]),
-        ("subscribe|ALLOW", ["/talker can publish /chatter by the files, and the policy does not let it."]),
+        ("publish|DENY", ["/talker can publish /chatter by the files, but the policy does not let it."]),
+        ("subscribe|ALLOW", ["/talker can publish /chatter by the files, but the policy does not let it."]),
     ],
 )
 def test_beyond_the_policy(talker: str, expected: list[str], tmp_path: Path) -> None:
@@ -143,7 +143,7 @@ def test_permissions_that_are_not_there_are_not_compared(tmp_path: Path) -> None
     assert told(keys, network) == []
 
 
-@pytest.mark.parametrize(("release", "begins"), [("zenoh-1.4", "Whether the files in "), ("zenoh-1.6", BEYOND)])
+@pytest.mark.parametrize(("release", "begins"), [("zenoh-1.4", "It is unknown whether "), ("zenoh-1.6", BEYOND)])
 def test_an_open_answer_stays_open(release: str, begins: str, tmp_path: Path) -> None:
     """Before 1.6 one of several subjects is asked, and which is chance."""
     keys = keystore(tmp_path, "rt/other")
@@ -160,7 +160,7 @@ def kept_off(
     enclave: str = "/listener", does: str = "subscribe to /chatter", more: str = " (and 1 more like it)"
 ) -> str:
     """What KA836 says."""
-    return f"The files do not let {enclave} {does}{more}, and that was granted."
+    return f"The files do not let {enclave} {does}{more}, though it was granted."
 
 
 BOTH = [kept_off()]
@@ -275,7 +275,7 @@ def test_a_longer_name_that_rules_alone_name(tmp_path: Path) -> None:
     talker = session("peer", connect=[END], **access(({"cert_common_names": ["/listener"]}, more)))
     (network / "talker.json5").write_text(written({**tls(keys, "talker"), **talker}), "utf-8")
     (message,) = told(keys, network, "KA812")
-    assert message == "/listener has a rule for '0/chatter/**', which is about /chatter/raw as well."
+    assert message == "/listener has a rule for '0/chatter/**', which also covers /chatter/raw."
 
 
 @pytest.mark.parametrize(
@@ -360,7 +360,7 @@ def test_what_cannot_be_told_of_it_stays_open(tmp_path: Path) -> None:
     network = files(tmp_path, keys, who="/random")
     (network / "more.yaml").write_text("mode: peer", "utf-8")
     ((message, _severity, _places),) = asserted(tmp_path, keys, network, NO_FLOW.format("/listener", "honest"))
-    assert message == f"Whether 'asserted' holds by the files in {network} cannot be told."
+    assert message == f"It is unknown whether 'asserted' holds by the files in {network}."
 
 
 @pytest.mark.parametrize(("who", "expected"), [("/talker", 0), ("/listener", 1)])

@@ -159,7 +159,7 @@ def test_what_cannot_be_read_leaves_the_audit_incomplete() -> None:
 def test_a_wildcard_has_no_end(rule: object) -> None:
     (finding,) = spoken(granted(CHATTER, rule), TALKS)
     assert finding.code == "KA651"
-    assert "is not bounded by 'robot.graph.json'" in finding.message or "is not bounded by robot" in finding.message
+    assert "are not bounded by 'robot.graph.json'" in finding.message or "are not bounded by robot" in finding.message
     assert "and infinitely many more." in finding.message
 
 
@@ -194,7 +194,7 @@ def test_a_launch_file_that_names_nothing_shows_no_excess() -> None:
     store = granted(allow(["rt/chatter", "rt/map"]))
     assert spoken(store, launch(nodes=(node("/talker"),))) == ()
     (finding,) = spoken(store, launch(uses("/talker", "/chatter"), nodes=(node("/talker"),)))
-    assert finding.message.endswith("look whether a node uses them by their own names.")
+    assert finding.message.endswith("check whether a node uses them by their own names.")
 
 
 # Enclaves and names
@@ -212,7 +212,7 @@ def test_a_node_without_a_name_is_compared_with_its_enclave() -> None:
     unnamed = launch(nodes=(IntendedNode(enclave="/", name="", location=place(1)),))
     (unknown,) = spoken(healthy(), unnamed)
     assert (unknown.code, unknown.severity) == ("KA652", Severity.HIGH)
-    assert unknown.message.startswith("A node whose name the file does not say runs in the enclave '/', having named")
+    assert unknown.message.startswith("A node whose name the file does not say runs in the enclave '/' (it names none)")
     assert spoken(granted(CHATTER, path="/"), unnamed) == ()
     (missing,) = spoken(granted(CHATTER, path="/", usual=False), unnamed)
     assert missing.code == "KA650"

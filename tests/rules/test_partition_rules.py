@@ -111,13 +111,16 @@ ALONE = ruled(publish=[(["rt/map", "rt/rosout"], ["robot1"])])
 @pytest.mark.parametrize(
     ("rules", "said"),
     [
-        ((ALONE,), ["/map (topic) (and 1 more like it) in partition 'robot1' alone"]),
-        ((ALONE, ruled(publish=[(["rt/map"], None)])), ["/rosout (topic) in partition 'robot1' alone"]),
+        ((ALONE,), ["/map (topic) (and 1 more like it) only in partition 'robot1'"]),
+        ((ALONE, ruled(publish=[(["rt/map"], None)])), ["/rosout (topic) only in partition 'robot1'"]),
         ((ALONE, ruled(publish=[(["rt/map", "rt/rosout"], ["", "robot1"])])), []),
         ((ruled(publish=at("*")),), []),
         ((ruled(publish=[(["Square"], ["robot1"])]), ruled(subscribe=[(["rt/map"], None)])), []),
         ((ruled(allows=False, publish=at("robot1")),), []),
-        ((ruled(subscribe=[(["ros_discovery_info"], ["robot1"])]),), ["ros_discovery_info (discovery) in partition"]),
+        (
+            (ruled(subscribe=[(["ros_discovery_info"], ["robot1"])]),),
+            ["ros_discovery_info (discovery) only in partition"],
+        ),
     ],
 )
 def test_a_name_of_ros_that_is_allowed_in_partitions_alone_is_nobody_s(rules: Sequence[Rule], said: list[str]) -> None:
@@ -128,4 +131,4 @@ def test_a_name_of_ros_that_is_allowed_in_partitions_alone_is_nobody_s(rules: Se
     assert [each.code for each in found] == ["KA625"] * len(said)
     for finding, words in zip(found, said, strict=True):
         assert words in finding.message
-        assert "take them out of the rules" in finding.fix.text
+        assert "Remove the partitions from the rules" in finding.fix.text

@@ -140,7 +140,7 @@ def test_patterns_that_take_in_actions(topics: Rule, severity: Severity | None) 
     found = [f for f in spoken(two(topics, allow([*RESULTS, *STATUS], GOALS))) if f.code == "KA635"]
     assert [finding.severity for finding in found] == ([severity] if severity else [])
     if severity is Severity.MEDIUM:
-        assert "as of /move, which /listener serves" in found[0].message
+        assert "such as /move, which /listener serves" in found[0].message
 
 
 def test_a_deny_rule_keeps_actions_out() -> None:
