@@ -20,10 +20,10 @@ def stories() -> Iterator[Story]:
     yield from pair(
         "KA741",
         bad=Case(
-            "A property in Alloy says that the talker alone speaks on /chatter; the listener may publish it too.",
+            "An Alloy property says that only the talker publishes /chatter, but the listener may too.",
             _listener("rt/chatter"),
         ),
-        good=Case("The listener may publish nothing but /answer.", _listener("rt/answer")),
+        good=Case("The listener may publish only /answer.", _listener("rt/answer")),
         options=ASKED,
     )
 

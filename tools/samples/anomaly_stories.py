@@ -33,8 +33,8 @@ def _governance() -> Iterator[Story]:
     yield from pair(
         "KA422",
         bad=Case(
-            "The governance encrypts /chatter, in a rule behind the one for every topic, which only signs: /chatter is "
-            "signed.",
+            "The governance encrypts /chatter, in a rule after the one for every topic, which only signs: /chatter "
+            "is signed.",
             governed(with_rules(Rule(publish=("rt/chatter",))), replace(QUIET, topics=(weak, strong))),
         ),
         good=Case(
@@ -47,7 +47,7 @@ def _governance() -> Iterator[Story]:
     yield from pair(
         "KA423",
         bad=Case(
-            "The governance encrypts all messages of domain 5, in a rule behind the one for both domains, which only "
+            "The governance encrypts all messages of domain 5, in a rule after the one for both domains, which only "
             "signs them.",
             governed(with_grant(rules=domains), robot, bench),
         ),
@@ -60,23 +60,23 @@ def _void() -> Iterator[Story]:
     yield from pair(
         "KA617",
         bad=Case(
-            "The grant allows all topics of the arm and denies one of them, in this order: the first rule that matches "
-            "decides, and the denial never does.",
+            "The grant allows all topics of the arm, then denies one of them. The first rule that matches decides, "
+            "so the denial never does.",
             with_rules(everything, secret),
         ),
-        good=Case("The deny rule comes first, as ros2 security writes them.", with_rules(secret, everything)),
+        good=Case("The deny rule comes first, as `ros2 security` writes it.", with_rules(secret, everything)),
     )
     secrets = Rule(publish=("rt/arm/secret", "rt/leg/secret"), allow=False)
     legs = Rule(publish=("rt/leg/*",))
     yield from pair(
         "KA618",
         bad=Case(
-            "A deny rule names a topic of the arm and one of the leg, but the arm's topics are all allowed before it: "
-            "half of the rule is void.",
+            "A deny rule names a topic of the arm and one of the leg. An earlier rule allows all topics of the arm, "
+            "so half of the deny rule is void.",
             with_rules(everything, secrets, legs),
         ),
         good=Case(
-            "Of the arm's topics one is allowed, by name.", with_rules(Rule(publish=("rt/arm/pose",)), secrets, legs)
+            "One topic of the arm is allowed, by name.", with_rules(Rule(publish=("rt/arm/pose",)), secrets, legs)
         ),
     )
 
@@ -86,15 +86,15 @@ def _superfluous() -> Iterator[Story]:
     yield from pair(
         "KA619",
         bad=Case(
-            "Two rules allow /chatter. Whoever takes it out of one of them believes the right gone.",
+            "Two rules allow /chatter. Whoever removes it from one of them believes the right gone.",
             with_rules(talking, status),
         ),
-        good=Case("Each rule has topics of its own.", with_rules(talking, Rule(publish=("rt/status",)))),
+        good=Case("Each rule has its own topics.", with_rules(talking, Rule(publish=("rt/status",)))),
     )
     yield from pair(
         "KA622",
         bad=Case(
-            "A rule denies what nothing allows, so that the default denies it anyway.",
+            "A rule denies what nothing allows, and what the default denies anyway.",
             with_rules(Rule(publish=("rt/secret",), allow=False), talking),
         ),
         good=Case("There is no such rule.", with_rules(talking)),
@@ -104,7 +104,7 @@ def _superfluous() -> Iterator[Story]:
     yield from pair(
         "KA623",
         bad=Case(
-            "A copy of the rule is for the domain of the test bench, which the governance does not cover.",
+            "A copy of the rule is for the test bench's domain, which the governance does not cover.",
             with_grant(rules=(talking, bench, announced)),
         ),
         good=Case(
@@ -119,20 +119,20 @@ def _ordered() -> Iterator[Story]:
     yield from pair(
         "KA620",
         bad=Case(
-            "All topics of the arm are denied and all states allowed: whether the arm's state is allowed hangs on the "
-            "order of the rules.",
+            "All topics of the arm are denied and all states allowed: the order of the rules decides about the "
+            "arm's state.",
             with_rules(Rule(publish=("rt/arm_*",), allow=False), states),
         ),
         good=Case(
-            "The arm's state, and nothing else, is denied: an exception to what is allowed.",
+            "Only the arm's state is denied: an exception to what is allowed.",
             with_rules(Rule(publish=("rt/arm_state",), allow=False), states),
         ),
     )
     yield from pair(
         "KA621",
         bad=Case(
-            "One topic of the arm is denied before all of them are allowed: the usual way to write an exception, which "
-            "hangs on the order.",
+            "One topic of the arm is denied before all of them are allowed: the usual exception, which depends on "
+            "the order.",
             with_rules(Rule(publish=("rt/arm/secret",), allow=False), Rule(publish=("rt/arm/*",))),
         ),
         good=Case("There is no exception.", with_rules(Rule(publish=("rt/arm/*",)))),
@@ -152,17 +152,17 @@ def _names() -> Iterator[Story]:
     yield from pair(
         "KA625",
         bad=Case(
-            "The prefix rt/ is missing, so that the talker may not publish /chatter.",
+            "The prefix rt/ is missing, so the talker may not publish /chatter.",
             with_rules(Rule(publish=("chatter",), subscribe=("rt/clock",))),
         ),
-        good=Case("The name is that of DDS.", with_rules(Rule(publish=("rt/chatter",), subscribe=("rt/clock",)))),
+        good=Case("The name is the DDS name.", with_rules(Rule(publish=("rt/chatter",), subscribe=("rt/clock",)))),
     )
     misspelt = replace(LISTENER_GRANT, rules=(Rule(subscribe=("rt/chater",)), DISCOVERY))
     yield from pair(
         "KA626",
         bad=Case(
-            "The listener may subscribe to a topic that nobody may publish: its name is misspelt, and what the talker "
-            "publishes nobody reads.",
+            "The listener may subscribe to a topic that nobody may publish: its name is misspelt, and nobody reads "
+            "what the talker publishes.",
             with_listener(permissions=Permissions(grants=(misspelt,))),
         ),
         good=Case("Both name one topic.", replace(TWO, enclaves=(TWO.enclaves[0], listener()))),
@@ -177,8 +177,8 @@ def _too_much() -> Iterator[Story]:
     yield from pair(
         "KA627",
         bad=Case(
-            "Rules name topics by nine words that may stand anywhere in them: which rules are void, or hang on their "
-            "order, takes more classes of names than are looked at.",
+            "Rules name topics by nine words that may stand anywhere in them. To find void or order-dependent rules "
+            "takes more classes of names than are compared.",
             store(WORDS),
         ),
         good=Case("Three words are few enough.", store(WORDS[:3])),

@@ -25,8 +25,7 @@ def _files() -> Iterator[Story]:
     yield from pair(
         "KA201",
         bad=Case(
-            "The talker's cert.pem lost its end: the block is there, the DER inside is cut short. What a "
-            "robot makes of it cannot be said from here.",
+            "The talker's cert.pem is cut short inside the DER. What a robot reads in it is unknown.",
             with_talker(changes={"cert.pem": _armoured("CERTIFICATE", TALKER_CERTIFICATE.der()[:-20])}),
         ),
         good=Case("The whole certificate.", ONE),
@@ -34,8 +33,8 @@ def _files() -> Iterator[Story]:
     yield from pair(
         "KA202",
         bad=Case(
-            "cert.pem holds a chain, the identity and then the authority that issued it. The run times "
-            "read the first certificate and no further, so that the second only looks as if it counted.",
+            "cert.pem holds a chain: the identity, then its authority. Run times read only the first certificate, "
+            "so the second only looks as if it counted.",
             with_talker(changes={"cert.pem": TALKER_CERTIFICATE.pem() + IDENTITY_CA.pem()}),
         ),
         good=Case("cert.pem holds one certificate.", ONE),
@@ -49,31 +48,30 @@ def _dates() -> Iterator[Story]:
             "The talker's identity ended in June 2026: no peer has accepted a new session since.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, not_after=day(2026, 6, 1))),
         ),
-        good=Case("The identity is good until 2100.", ONE),
+        good=Case("The identity is valid until 2100.", ONE),
     )
     yield from pair(
         "KA204",
         bad=Case(
-            "The talker's identity begins in 2027, as after a signing machine whose clock ran ahead: "
-            "until then every peer refuses it.",
+            "The talker's identity begins in 2027, since the signing machine's clock ran ahead. Until then every "
+            "peer refuses it.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, not_before=day(2027, 1, 1))),
         ),
-        good=Case("The identity has been good since 2020.", ONE),
+        good=Case("The identity has been valid since 2020.", ONE),
     )
     yield from pair(
         "KA205",
         bad=Case(
-            "The talker's identity ends on 5 December 2026, two weeks after the audit: time to issue it again.",
+            "The talker's identity ends two weeks after the audit: time to issue it again.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, not_after=day(2026, 12, 5))),
         ),
-        good=Case("The identity is good until 2100.", ONE),
+        good=Case("The identity is valid until 2100.", ONE),
     )
     short = replace(IDENTITY_CA, not_after=day(2099, 1, 1))
     yield from pair(
         "KA206",
         bad=Case(
-            "The identity CA ends a year before the identity that it issued: the last year of the "
-            "identity is worth nothing, and whoever plans by its date is a year late.",
+            "The identity CA ends a year before the identity that it issued, so the identity's last year is worthless.",
             replace(with_talker(certificate=replace(TALKER_CERTIFICATE, issuer=short)), identity_ca=short),
         ),
         good=Case("Authority and identity end together.", ONE),
@@ -84,9 +82,8 @@ def _issuers() -> Iterator[Story]:
     yield from pair(
         "KA207",
         bad=Case(
-            "The talker's identity names the identity CA as its issuer, but another key signed it: one "
-            "from a second keystore, say, whose authority has the same name as every sros2 authority has. "
-            "No peer accepts it.",
+            "The talker's identity names the identity CA as its issuer, but another key signed it, such as a second "
+            "keystore's. (All authorities of sros2 have one name.) No peer accepts it.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, signed_by=Key(label="another keystore's CA"))),
         ),
         good=Case("The same names and numbers, signed with the identity CA's key.", ONE),
@@ -95,7 +92,8 @@ def _issuers() -> Iterator[Story]:
     yield from pair(
         "KA208",
         bad=Case(
-            "The identity CA's certificate says CA:FALSE: OpenSSL accepts nothing that it issued (RFC 5280, 6.1.4 k).",
+            "The identity CA's certificate says CA:FALSE, so OpenSSL accepts nothing that it issued (RFC 5280, "
+            "6.1.4 k).",
             replace(with_talker(certificate=replace(TALKER_CERTIFICATE, issuer=no_ca)), identity_ca=no_ca),
         ),
         good=Case("The same authority with CA:TRUE.", ONE),
@@ -106,8 +104,8 @@ def _keys() -> Iterator[Story]:
     yield from pair(
         "KA209",
         bad=Case(
-            "key.pem belongs to another certificate: Fast DDS refuses to start; Cyclone DDS starts and "
-            "never finishes a handshake.",
+            "key.pem belongs to another certificate. Fast DDS does not start; Cyclone DDS starts and never finishes "
+            "a handshake.",
             with_talker(key=Key(label="rules, somebody else's")),
         ),
         good=Case("key.pem is the key that cert.pem certifies.", ONE),
@@ -115,8 +113,8 @@ def _keys() -> Iterator[Story]:
     yield from pair(
         "KA210",
         bad=Case(
-            "key.pem is a PEM block whose content is no key. A build of OpenSSL with other providers "
-            "might read it; this audit cannot.",
+            "key.pem is a PEM block whose content is no key. OpenSSL with other providers might read it; this audit "
+            "cannot.",
             with_talker(changes={"key.pem": _armoured("PRIVATE KEY", b"\x30\x0bnot-a-key-at")}),
         ),
         good=Case("key.pem is PKCS#8.", ONE),
@@ -124,10 +122,10 @@ def _keys() -> Iterator[Story]:
     yield from pair(
         "KA211",
         bad=Case(
-            "key.pem is under a password. ROS 2 passes none on to the run time, so that the participant is refused.",
+            "key.pem needs a password. ROS 2 passes none to the run time, so the participant is refused.",
             with_talker(changes={"key.pem": TALKER_CERTIFICATE.key.encrypted_pem("sample")}),
         ),
-        good=Case("key.pem is not encrypted, and readable only to its owner.", ONE),
+        good=Case("key.pem is not encrypted, and only its owner can read it.", ONE),
     )
 
 

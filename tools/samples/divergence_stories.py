@@ -38,8 +38,8 @@ def _participants() -> Iterator[Story]:
     yield from pair(
         "KA601",
         bad=Case(
-            "The governance covers domains 0 and 5, the talker's rules are for domain 0. Fast DDS does not look at the "
-            "domain of a rule when it asks about its own endpoints: the talker publishes in domain 5 as well.",
+            "The governance covers domains 0 and 5, the talker's rules only domain 0. Fast DDS ignores a rule's "
+            "domain for its own endpoints, so the talker also publishes in domain 5.",
             _in(ONE, *BOTH),
         ),
         good=Case("The talker's rules are for both domains.", _in(with_grant(rules=_for(BOTH, talking)), *BOTH)),
@@ -49,7 +49,7 @@ def _participants() -> Iterator[Story]:
         "KA602",
         bad=Case(
             "The governance covers domains 0 and 5 and lets everybody publish /clock; the talker's rules are for "
-            "domain 0. Cyclone DDS asks no permissions of who joins a domain with such a topic: the talker starts in "
+            "domain 0. Cyclone DDS asks no permissions to join a domain with such a topic. So the talker starts in "
             "domain 5, which the specification denies.",
             _in(ONE, *BOTH, topics=open_topic),
         ),
@@ -61,12 +61,12 @@ def _participants() -> Iterator[Story]:
     yield from pair(
         "KA603",
         bad=Case(
-            "The robot is in domain 7, the governance covers domain 0. Fast DDS starts all the same, with nothing "
-            "protected and without a topic; the others refuse.",
+            "The robot is in domain 7, but the governance covers domain 0. Fast DDS starts, without protection and "
+            "without a topic; the others refuse.",
             ONE,
         ),
         good=Case(
-            "Governance and permissions are for domain 7 as well.",
+            "Governance and permissions are for domain 7 too.",
             _in(with_grant(rules=_for((0, 7), talking)), 0, 7),
         ),
         options=("--domain", "7"),
@@ -79,18 +79,18 @@ def _partitions() -> Iterator[Story]:
     yield from pair(
         "KA604",
         bad=Case(
-            "The talker may not publish /cmd_vel in the partition lab, and may elsewhere. Fast DDS does not look at "
-            "the partitions of a deny rule and denies it everywhere; so does Cyclone DDS, in its own way.",
+            "The talker may publish /cmd_vel everywhere except in the partition lab. Fast DDS ignores the "
+            "partitions of a deny rule and denies it everywhere; so does Cyclone DDS, in its own way.",
             with_rules(replace(here, allow=False), command),
         ),
-        good=Case("Only what is allowed is written: the default partition.", with_rules(command)),
+        good=Case("Only an allow rule, for the default partition.", with_rules(command)),
     )
     yield from pair(
         "KA605",
         bad=Case(
-            "A deny rule takes /cmd_vel from the talker, a later one allows it in the partition lab. The specification "
-            "denies it in every partition, Cyclone DDS 11 in the default one alone: there the talker drives in lab. "
-            "(It may read the topic, or Cyclone DDS had none.)",
+            "A deny rule takes /cmd_vel from the talker, a later one allows it in the partition lab. The "
+            "specification denies it in every partition, Cyclone DDS 11 only in the default one: the talker drives "
+            "in lab. (It may read the topic, or Cyclone DDS had none.)",
             with_rules(replace(command, allow=False), here, Rule(subscribe=(COMMAND,))),
         ),
         good=Case("Neither rule: what is not allowed is denied.", ONE),
@@ -102,8 +102,8 @@ def _partitions() -> Iterator[Story]:
     yield from pair(
         "KA606",
         bad=Case(
-            "One rule allows /chatter in the partition public and /map in private. Fast DDS puts the partitions of "
-            "both together: the talker publishes /map in public.",
+            "One rule allows /chatter in the partition public and /map in private. Fast DDS merges the partitions "
+            "of both, so the talker publishes /map in public.",
             with_rules(Rule(publish=apart)),
         ),
         good=Case("A rule for each partition.", with_rules(*(Rule(publish=(criterion,)) for criterion in apart))),
@@ -113,27 +113,29 @@ def _partitions() -> Iterator[Story]:
     yield from pair(
         "KA637",
         bad=Case(
-            "The talker may not read /map in the partition secret, and may in *, which is meant for all others. Its "
-            "reader goes into the partition *, which the denial does not match, and meets the writers in secret.",
+            "The talker may not read /map in the partition secret, but may in *, meant for all others. Its reader "
+            "joins the partition *, which the denial does not match, and meets the writers in secret.",
             with_rules(Rule(subscribe=(secret,), allow=False), Rule(subscribe=(read,))),
         ),
-        good=Case("What is allowed is named.", with_rules(Rule(subscribe=(replace(read, partitions=("public",)),)))),
+        good=Case(
+            "The allowed partition is named.", with_rules(Rule(subscribe=(replace(read, partitions=("public",)),)))
+        ),
     )
     yield from pair(
         "KA638",
         bad=Case(
-            "The talker may publish /map with endpoints that have the data tag survey, it is thought. Implementations "
-            "pass over the tag: it may with all.",
+            "The talker is meant to publish /map only with endpoints that have the data tag survey. Implementations "
+            "ignore the tag: it may with all.",
             with_rules(Rule(publish=(Criterion(topics=("rt/map",), data_tag="survey"),))),
         ),
-        good=Case("The rule has no tag, and says what it does.", with_rules(Rule(publish=("rt/map",)))),
+        good=Case("The rule has no tag.", with_rules(Rule(publish=("rt/map",)))),
     )
     two = tuple(Rule(publish=(Criterion(topics=("rt/map",), partitions=(name,)),)) for name in ("east", "west"))
     yield from pair(
         "KA607",
         bad=Case(
-            "A rule allows /map in the partition east, the next one in west. Fast DDS stops at the first that lists "
-            "the topic: nothing is published in west.",
+            "One rule allows /map in the partition east, the next one in west. Fast DDS stops at the first that "
+            "lists the topic, so nothing is published in west.",
             with_rules(*two),
         ),
         good=Case(
@@ -148,8 +150,8 @@ def _rules() -> Iterator[Story]:
     yield from pair(
         "KA608",
         bad=Case(
-            "The listener may not publish /chatter, says a deny rule, and may subscribe to it. Cyclone DDS 0.10 denies "
-            "the whole topic to it: the listener hears nothing.",
+            "A deny rule forbids the listener to publish /chatter, to which it may subscribe. Cyclone DDS 0.10 "
+            "denies it the whole topic: the listener hears nothing.",
             replace(TWO, enclaves=(TALKER, listener(permissions=Permissions(grants=(denied,))))),
         ),
         good=Case("No deny rule: what is not allowed is denied.", TWO),
@@ -157,8 +159,8 @@ def _rules() -> Iterator[Story]:
     yield from pair(
         "KA609",
         bad=Case(
-            "The talker may relay /camera, which the specification means for passing on what it cannot read. Fast DDS "
-            "gives its reader the samples in plain.",
+            "The talker may relay /camera, which by the specification passes on what it cannot read. Fast DDS gives "
+            "its reader the plain samples.",
             with_rules(Rule(publish=("rt/chatter",)), Rule(relay=("rt/camera",))),
         ),
         good=Case("Nothing is relayed.", ONE),
@@ -166,8 +168,8 @@ def _rules() -> Iterator[Story]:
     yield from pair(
         "KA610",
         bad=Case(
-            "The talker may publish arm_[^s]: on every arm but s, as Fast DDS reads it. Cyclone DDS reads the "
-            "arms ^ and s: the one that was to be left out.",
+            "The talker may publish arm_[^s]. Fast DDS reads every arm but s. Cyclone DDS reads the arms ^ and s, "
+            "which was to be left out.",
             with_rules(Rule(publish=("rt/arm_[^s]",))),
         ),
         good=Case("The arms are named.", with_rules(Rule(publish=("rt/arm_a", "rt/arm_b")))),
@@ -175,8 +177,8 @@ def _rules() -> Iterator[Story]:
     yield from pair(
         "KA611",
         bad=Case(
-            "Somebody wanted to keep the talker from the arms a and b, and forgot the closing bracket: the rule denies "
-            "one odd name, or none. Nothing else allows the arms today.",
+            "A deny rule for the arms a and b lacks its closing bracket: it denies one odd name, or none. Nothing "
+            "else allows the arms today.",
             with_rules(Rule(publish=("rt/arm_[ab",), allow=False), Rule(publish=("rt/chatter",))),
         ),
         good=Case(
@@ -199,8 +201,8 @@ def _values() -> Iterator[Story]:
     yield from pair(
         "KA613",
         bad=Case(
-            "The grant ends at midnight in Helsinki. Fast DDS does not read the zone: there it ends two hours later on "
-            "a robot that is set to UTC.",
+            "The grant ends at midnight in Helsinki. Fast DDS ignores the zone, so on a robot set to UTC it ends "
+            "two hours later.",
             with_grant(not_after="2100-01-01T00:00:00+02:00"),
         ),
         good=Case("It ends at the same instant, in UTC.", with_grant(not_after="2099-12-31T22:00:00")),
@@ -209,8 +211,8 @@ def _values() -> Iterator[Story]:
     yield from pair(
         "KA614",
         bad=Case(
-            "The talker may not publish /cmd_vel from domain 0 on, which the specification reads as everywhere, Fast "
-            "DDS and Cyclone DDS as domain 0: in domain 5 the next rule allows it.",
+            "The talker may not publish /cmd_vel from domain 0 on. The specification reads every domain, Fast DDS "
+            "and Cyclone DDS only domain 0: in domain 5 the next rule allows it.",
             _in(
                 with_grant(
                     rules=(
@@ -231,8 +233,8 @@ def _values() -> Iterator[Story]:
     yield from pair(
         "KA615",
         bad=Case(
-            "/clock is under access control, and every topic that begins with c is not. Of rules that match a topic "
-            "the first decides; on OpenDDS one without access control is enough, and the talker sets the clock.",
+            "/clock is under access control, but topics that begin with c are not. The first matching rule decides; "
+            "on OpenDDS one without access control is enough, and the talker sets the clock.",
             _in(ONE, 0, topics=(TopicRule(expression="rt/clock"), replace(clock, expression="rt/c*"), TopicRule())),
         ),
         good=Case(

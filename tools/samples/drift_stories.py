@@ -26,8 +26,8 @@ def _rights() -> Iterator[Story]:
         "KA640",
         options=TALKER_ALONE,
         bad=Case(
-            "The policy lets the talker publish /chatter; its permissions were signed before that was written. Under "
-            "Enforce the node fails when it makes its publisher.",
+            "The policy lets the talker publish /chatter, but its permissions are older. Under Enforce the node "
+            "fails when it creates its publisher.",
             with_grant(rules=(DISCOVERY,)),
         ),
         good=Case("The permissions let the talker publish /chatter.", ONE),
@@ -36,11 +36,11 @@ def _rights() -> Iterator[Story]:
         "KA641",
         options=TALKER_ALONE,
         bad=Case(
-            "The permissions let the talker publish /cmd_vel, which was written into permissions.xml by hand for an "
-            "afternoon's test; no policy says so.",
+            "The permissions let the talker publish /cmd_vel, added by hand to permissions.xml for a test; no "
+            "policy says so.",
             with_rules(replace(TALKING, publish=("rt/chatter", "rt/cmd_vel"))),
         ),
-        good=Case("The permissions let the talker publish /chatter and nothing else.", ONE),
+        good=Case("The permissions let the talker publish only /chatter.", ONE),
     )
 
 
@@ -50,12 +50,12 @@ def _enclaves() -> Iterator[Story]:
         "KA642",
         bad=Case(
             "The policy has a second <profiles> for the talker, with the node that logs. `ros2 security` makes a "
-            "grant of it that no implementation asks, so that the logger's right is in the keystore by hand alone.",
+            "grant of it that no implementation uses. The keystore has the logger's right only by hand.",
             both,
             ("--policy", "policies/two_profiles.policy.xml"),
         ),
         good=Case(
-            "The policy has both nodes in one <profiles>, and the keystore what it says.",
+            "The policy has both nodes in one <profiles>, and the keystore agrees.",
             both,
             ("--policy", "policies/one_profiles.policy.xml"),
         ),
@@ -63,14 +63,14 @@ def _enclaves() -> Iterator[Story]:
     yield from pair(
         "KA643",
         options=BOTH,
-        bad=Case("The policy speaks of a listener, for which nobody created an enclave.", ONE),
+        bad=Case("The policy describes a listener, but nobody created its enclave.", ONE),
         good=Case("The keystore has both enclaves of the policy.", TWO),
     )
     yield from pair(
         "KA644",
         options=TALKER_ALONE,
-        bad=Case("The keystore has a listener of which the policy says nothing: it was removed there alone.", TWO),
-        good=Case("The policy speaks of the one enclave that there is.", ONE),
+        bad=Case("The keystore has a listener that the policy does not mention: it was removed only there.", TWO),
+        good=Case("The policy describes the only enclave.", ONE),
     )
 
 
@@ -80,8 +80,8 @@ def _undecided() -> Iterator[Story]:
         "KA645",
         options=TALKER_ALONE,
         bad=Case(
-            "A CDATA section inside a topic's name, of which parsers read different pieces. Whether that is what the "
-            "policy says cannot be told.",
+            "A topic's name has a CDATA section, which parsers read differently. It is unknown whether that is what "
+            "the policy says.",
             with_talker(permissions=edited(xml, "rt/chatter", "rt/chat<![CDATA[ter]]>")),
         ),
         good=Case("The same without the section.", with_talker(permissions=xml)),
@@ -91,8 +91,8 @@ def _undecided() -> Iterator[Story]:
         "KA646",
         options=BOTH,
         bad=Case(
-            "Identities, and no permissions: made for rmw_zenoh, which has its access control elsewhere. That the "
-            "policy holds cannot be seen here.",
+            "Identities without permissions, made for rmw_zenoh, which has its access control elsewhere. Whether "
+            "the policy holds cannot be seen here.",
             replace(TWO, enclaves=(replace(TALKER, changes=unsigned), replace(LISTENER, changes=unsigned))),
         ),
         good=Case("Both enclaves have permissions.", TWO),

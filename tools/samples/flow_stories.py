@@ -22,8 +22,8 @@ def stories() -> Iterator[Story]:
     yield from pair(
         "KA740",
         bad=Case(
-            "The settings say that nothing gets from the listener to the talker; the listener may publish /answer, to "
-            "which the talker subscribes.",
+            "The settings say that nothing gets from the listener to the talker. But the listener may publish "
+            "/answer, to which the talker subscribes.",
             _answering("rt/answer"),
         ),
         good=Case("Nobody subscribes to what the listener publishes.", _answering("rt/question")),
@@ -32,7 +32,7 @@ def stories() -> Iterator[Story]:
     yield from pair(
         "KA742",
         bad=Case(
-            "The talker is trusted and the listener is not, and nothing untrusted may reach what is trusted; the "
+            "The talker is trusted, the listener is not, and nothing untrusted may reach what is trusted. But the "
             "listener may publish /answer, to which the talker subscribes.",
             _answering("rt/answer"),
         ),
@@ -74,19 +74,20 @@ def _turtlesim() -> Iterator[Story]:
     yield _story(
         "turtlesim",
         "healthy",
-        "Neither source moves the turtle but through the multiplexer, and the keyboard alone publishes /high_priority.",
+        "Neither source moves the turtle except through the multiplexer, and only the keyboard publishes "
+        "/high_priority.",
         random(),
     )
     yield _story(
         "turtlesim",
         "random_moves_turtle",
-        "The random walker may also publish /move_turtle: it moves the turtle past the multiplexer.",
+        "The random walker may also publish /move_turtle: it bypasses the multiplexer.",
         random("/move_turtle"),
     )
     yield _story(
         "turtlesim",
         "random_any_priority",
-        "The random walker may publish /*_priority: /high_priority is among it.",
+        "The random walker may publish /*_priority, which includes /high_priority.",
         random("/*_priority"),
     )
     split = random()
@@ -94,15 +95,15 @@ def _turtlesim() -> Iterator[Story]:
     yield _story(
         "turtlesim",
         "shared_ca",
-        "One authority signs identities and rights, as sros2 makes it. Under Cyclone DDS 0.10, which does not pin the "
-        "signer, the random walker signs itself the right to publish /move_turtle.",
+        "One authority signs identities and rights, as sros2 makes it. Cyclone DDS 0.10 does not pin the signer, so "
+        "the random walker signs itself the right to publish /move_turtle.",
         shared,
         ("--profile", "cyclonedds-0.10"),
     )
     yield _story(
         "turtlesim",
         "split_cas",
-        "Identities and rights are signed by two authorities: nobody signs rights for itself.",
+        "Two authorities sign identities and rights: nobody signs their own rights.",
         split,
         ("--profile", "cyclonedds-0.10"),
     )
@@ -116,14 +117,14 @@ def _vehicle() -> Iterator[Story]:
     yield _story(
         "vehicle",
         "healthy",
-        "Nothing that the infotainment system publishes is read by anybody on whom the motor depends.",
+        "Nobody on whom the motor depends reads what the infotainment system publishes.",
         vehicle(),
     )
     yield _story(
         "vehicle",
         "plain_grant",
-        "The gateway passes a limit on to the motor, and reads /media_state: the infotainment system reaches the motor "
-        "over two rights that each look harmless.",
+        "The gateway passes a limit on to the motor, and reads /media_state. The infotainment system reaches the "
+        "motor over two rights that each look harmless.",
         vehicle(
             gateway=replace(
                 gateway,
@@ -136,14 +137,14 @@ def _vehicle() -> Iterator[Story]:
     yield _story(
         "vehicle",
         "governance_flag",
-        "No grant lets the infotainment system publish /motor_limit, but the governance does not ask for one there.",
+        "No grant lets the infotainment system publish /motor_limit, but the governance asks for none.",
         replace(vehicle(), governance=Governance(rules=(unchecked,))),
     )
     yield _story(
         "vehicle",
         "compromised_relay",
-        "The gateway watches /motor_limit and /media_state and publishes neither. Whoever takes the gateway over "
-        "forges /motor_limit with the key it reads it with: only a compromised relay leads to the motor.",
+        "The gateway reads /motor_limit and /media_state and publishes neither. Whoever takes it over forges "
+        "/motor_limit with its reader's key: only a compromised relay leads to the motor.",
         vehicle(gateway=replace(gateway, subscribe=(*gateway.subscribe, "media_state", "motor_limit"))),
     )
     yield _bridged(vehicle())
@@ -151,14 +152,14 @@ def _vehicle() -> Iterator[Story]:
     yield _story(
         "vehicle",
         "gateway_reads",
-        "The gateway reads /media_state and has nothing to say to the motor. Whoever updates it to what it is in "
-        "vehicle_gateway_writes gives it the other half of a way to the motor.",
+        "The gateway reads /media_state and sends nothing to the motor. Whoever updates it to "
+        "vehicle_gateway_writes completes a way to the motor.",
         vehicle(gateway=replace(gateway, subscribe=(*gateway.subscribe, "media_state"))),
     )
     yield _story(
         "vehicle",
         "gateway_writes",
-        "The gateway passes a limit on to the motor and reads nothing of the infotainment system.",
+        "The gateway passes a limit on to the motor and reads nothing from the infotainment system.",
         vehicle(gateway=replace(gateway, publish=(*gateway.publish, "motor_limit"))),
     )
     yield _moved(vehicle())
@@ -180,7 +181,7 @@ def _bridged(store: Store) -> Story:
     return _story(
         "vehicle",
         "bridged_domain",
-        "In domain 1, the workshop's, the infotainment system publishes what the brake reads: the brake carries it "
+        "In domain 1, the workshop's, the infotainment system publishes what the brake reads. The brake carries it "
         "into domain 0, and to the motor.",
         replace(
             store,
@@ -197,8 +198,8 @@ def _moved(store: Store) -> Story:
     return _story(
         "vehicle",
         "moved",
-        "The whole vehicle in domain 7. While some enclaves are still in domain 0, those that were updated may carry "
-        "data from one domain into the other with their old permissions.",
+        "The whole vehicle in domain 7. While some enclaves are still in domain 0, updated ones may carry data "
+        "between the domains with their old permissions.",
         replace(store, enclaves=enclaves, governance=Governance(rules=(DomainRule(domains=(7,)),))),
     )
 
@@ -220,8 +221,8 @@ def _expiring(store: Store, infotainment: Node) -> Story:
     return _story(
         "vehicle",
         "expiring_grant",
-        "An old, wide grant of the infotainment system stands behind the narrow one that decides today. Fast DDS skips "
-        "grants that are out of date: on the day the narrow one ends, the wide one counts.",
+        "An old, wide grant of the infotainment system stands after the narrow one that decides today. Fast DDS "
+        "skips expired grants: when the narrow one ends, the wide one counts.",
         replace(store, enclaves=enclaves),
         ("--profile", "fastdds"),
     )
@@ -239,14 +240,14 @@ def _unknown() -> Iterator[Story]:
     yield _story(
         "chatter",
         "ambiguous_enclave",
-        "The listener's permissions have a CDATA section in a topic, of which parsers read different pieces: what they "
-        "let through is unknown.",
+        "A topic in the listener's permissions has a CDATA section, which parsers read differently: what they allow "
+        "is unknown.",
         with_listener(permissions=edited(document, "rt/chatter", "rt/<![CDATA[chatter]]>")),
     )
     yield _story(
         "chatter",
         "linked_away_enclave",
-        "A link leads to a folder outside of the keystore: the enclave behind it may pass anything on.",
+        "A link leads to a folder outside the keystore: the enclave there may forward anything.",
         replace(TWO, changes={"enclaves/relay": Link(target="../../../elsewhere")}),
     )
 
@@ -265,14 +266,14 @@ def _partitions() -> Iterator[Story]:
     yield _story(
         "chatter",
         "partition_pattern",
-        "The listener publishes /map in the partition secret, where the talker may not read it. It may in *, and there "
-        "its reader meets the writers of all partitions: the denial is of one plain name.",
+        "The listener publishes /map in the partition secret, where the talker may not read it. The talker may read "
+        "it in *, and there its reader meets the writers of all partitions.",
         store("*"),
     )
     yield _story(
         "chatter",
         "partition_named",
-        "The same, but the talker may read /map in the partition public alone, which meets no other.",
+        "The same, but the talker may read /map only in the partition public, which meets no other.",
         store("public"),
     )
 
@@ -290,8 +291,8 @@ def _domains() -> Iterator[Story]:
     yield _story(
         "chatter",
         "other_domain",
-        "The talker may subscribe to /map in domain 9 alone, where nobody publishes it. Fast DDS lets it subscribe in "
-        "domain 0 too: no honest peer writes to it there, but a listener that attacks does.",
+        "The talker may subscribe to /map only in domain 9, where nobody publishes it. Fast DDS lets it subscribe "
+        "in domain 0 too: honest peers do not write to it there, but an attacking listener does.",
         store(9),
     )
     yield _story(
@@ -311,14 +312,14 @@ def _written_domains() -> Iterator[Story]:
     yield _story(
         "chatter",
         "written_elsewhere",
-        "The listener may publish /map in domain 9 alone, which is not governed. Fast DDS lets it publish in domain 0 "
-        "too: an honest talker refuses that writer, and one that is compromised takes what it writes.",
+        "The listener may publish /map only in domain 9, which is not governed. Fast DDS lets it publish in domain "
+        "0 too: an honest talker refuses that writer, but a compromised one accepts it.",
         store(9),
     )
     yield _story(
         "chatter",
         "written_here",
-        "The same, but in domains 0 and 9: an honest talker takes it too.",
+        "The same, but in domains 0 and 9: an honest talker accepts it too.",
         store(0, 9),
     )
 
@@ -343,8 +344,10 @@ def _determinism() -> Iterator[Story]:
     watched = healthy("flow turtlesim", {**TURTLESIM, "/keyboard": keyboard, "/joystick": joystick})
     yield Story(
         directory="flows/turtlesim_joystick",
-        text="The keyboard's node reads the joystick, and nobody says what it makes of it: whether the joystick moves "
-        "the turtle is unknown.",
+        text=(
+            "The keyboard's node reads the joystick, but nothing says what it forwards: whether the joystick moves "
+            "the turtle is unknown."
+        ),
         tree=watched.tree(),
         options=("--settings", "settings/turtlesim_joystick.toml"),
     )

@@ -46,17 +46,17 @@ def _participants() -> Iterator[Story]:
     yield from pair(
         "KA701",
         bad=Case(
-            "Domain 0 is strict; domain 5, opened for a demonstration, lets in participants that never "
-            "proved who they are.",
+            "Domain 0 is strict. Domain 5, opened for a demonstration, admits participants that never proved an "
+            "identity.",
             governed(TWO, QUIET, lax),
         ),
-        good=Case("Both domains ask for an identity.", governed(TWO, QUIET, replace(lax, allow_unauthenticated=False))),
+        good=Case("Both domains demand an identity.", governed(TWO, QUIET, replace(lax, allow_unauthenticated=False))),
     )
     yield from pair(
         "KA702",
         bad=Case(
-            "The listener's identity was issued by the permissions CA, the two authorities' keys having "
-            "been mixed up. Nobody who trusts the identity CA accepts it.",
+            "The permissions CA issued the listener's identity, since the authorities' keys were mixed up. Nobody "
+            "who trusts the identity CA accepts it.",
             with_listener(certificate=replace(LISTENER_CERTIFICATE, issuer=PERMISSIONS_CA)),
         ),
         good=Case("The identity CA issued both identities.", TWO),
@@ -64,11 +64,11 @@ def _participants() -> Iterator[Story]:
     yield from pair(
         "KA704",
         bad=Case(
-            "The listener has a certificate of its own over the talker's key, as when a request is signed "
-            "twice under two names: whoever takes one robot's key is both.",
+            "The listener has its own certificate for the talker's key, since one request was signed under two "
+            "names. Whoever has the key is both.",
             with_listener(certificate=replace(LISTENER_CERTIFICATE, key=TALKER_CERTIFICATE.key)),
         ),
-        good=Case("Each enclave has a key of its own.", TWO),
+        good=Case("Each enclave has its own key.", TWO),
     )
 
 
@@ -76,11 +76,11 @@ def _authorities() -> Iterator[Story]:
     yield from pair(
         "KA706",
         bad=Case(
-            "Identities and rights are signed by one authority, as sros2 makes it: only implementations that pin the "
-            "signer tell who somebody is from what it may do.",
+            "One authority signs identities and rights, as sros2 makes it. Only implementations that pin the signer "
+            "keep the two apart.",
             replace(TWO, permissions_ca=IDENTITY_CA),
         ),
-        good=Case("Each role has an authority of its own.", TWO),
+        good=Case("Each role has its own authority.", TWO),
         options=("--profile", "jazzy"),
     )
     namesake = replace(LISTENER_CERTIFICATE, subject=TALKER_CERTIFICATE.subject)
@@ -88,11 +88,11 @@ def _authorities() -> Iterator[Story]:
     yield from pair(
         "KA707",
         bad=Case(
-            "The listener's certificate bears the talker's subject, copied with the command that made it: each may "
-            "present the permissions of the other.",
+            "The listener's certificate has the talker's subject, copied with the command that made it: each may "
+            "present the other's permissions.",
             with_listener(certificate=namesake, permissions=Permissions(grants=(grant,))),
         ),
-        good=Case("Each certificate bears the subject of its enclave.", TWO),
+        good=Case("Each certificate has its enclave's subject.", TWO),
     )
 
 
@@ -112,7 +112,7 @@ def _documents() -> Iterator[Story]:
             ),
         ),
         good=Case(
-            "The same rights, signed by the authority. One authority still serves both roles.",
+            "The authority signed the same rights. It still serves both roles.",
             replace(shared, enclaves=(talker(permissions=permissions), LISTENER)),
         ),
     )
@@ -120,12 +120,11 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA705",
         bad=Case(
-            "The authorities are separate, but permissions_ca.cert.pem holds both certificates, put "
-            "together by somebody who knew bundles from web servers. Fast DDS reads both, and where it does "
-            "not pin the signer, every identity can then sign rights.",
+            "The authorities are separate, but permissions_ca.cert.pem holds both certificates, like a web server's "
+            "bundle. Fast DDS reads both. If it does not pin the signer, every identity can sign rights.",
             replace(TWO, changes={"public/permissions_ca.cert.pem": bundle}),
         ),
-        good=Case("permissions_ca.cert.pem holds the permissions CA alone.", TWO),
+        good=Case("permissions_ca.cert.pem holds only the permissions CA.", TWO),
         options=("--profile", "fastdds-2.9"),
     )
 
@@ -135,12 +134,11 @@ def _outsiders() -> Iterator[Story]:
     yield from pair(
         "KA711",
         bad=Case(
-            "For speed, /chatter alone was taken out of encryption: it is signed, and whoever listens on "
-            "the network reads it.",
+            "For speed, /chatter is only signed, not encrypted: whoever listens on the network reads it.",
             governed(TWO, domain(readable)),
         ),
         good=Case(
-            "/chatter has a rule of its own that encrypts the payload.",
+            "/chatter has its own rule, which encrypts the payload.",
             governed(TWO, domain(replace(readable, data="ENCRYPT"))),
         ),
     )
@@ -148,21 +146,21 @@ def _outsiders() -> Iterator[Story]:
     yield from pair(
         "KA712",
         bad=Case(
-            "/chatter alone is announced in clear: its data stays secret, its name, type and place do not.",
+            "/chatter alone is announced in clear: its data stays secret, but not its name, type and place.",
             governed(TWO, domain(announced)),
         ),
-        good=Case("/chatter is announced over the encrypted discovery.", governed(TWO, domain(CHATTER))),
+        good=Case("/chatter is announced over encrypted discovery.", governed(TWO, domain(CHATTER))),
     )
     bare = replace(CHATTER, metadata="NONE", data="NONE")
     yield from pair(
         "KA713",
         bad=Case(
-            "Messages are not authenticated as a whole, and /chatter has no protection of its own: "
-            "whoever reaches the network writes it.",
+            "Whole messages are not authenticated, and /chatter has no protection: whoever reaches the network "
+            "writes it.",
             governed(TWO, domain(bare, rtps="NONE")),
         ),
         good=Case(
-            "The payload of /chatter is encrypted, and with that authenticated.",
+            "The payload of /chatter is encrypted, and so authenticated.",
             governed(TWO, domain(replace(bare, data="ENCRYPT"), rtps="NONE")),
         ),
     )
@@ -173,8 +171,8 @@ def _replays() -> Iterator[Story]:
     yield from pair(
         "KA714",
         bad=Case(
-            "The payload of /chatter is encrypted, its submessages and the messages are not even signed: yesterday's "
-            "message is taken again today.",
+            "The payload of /chatter is encrypted, but its submessages and messages are not even signed: "
+            "yesterday's message is accepted again.",
             governed(TWO, domain(recorded, rtps="NONE")),
         ),
         good=Case("Whole messages are signed.", governed(TWO, domain(recorded, rtps="SIGN"))),
@@ -183,7 +181,7 @@ def _replays() -> Iterator[Story]:
     yield from pair(
         "KA715",
         bad=Case(
-            "Messages are not signed as a whole, and of /chatter liveliness is not protected: anybody keeps a dead "
+            "Whole messages are not signed, and the liveliness of /chatter is not protected: anybody keeps a dead "
             "talker alive.",
             governed(TWO, domain(unsaid, rtps="NONE")),
         ),
@@ -195,20 +193,20 @@ def _grants() -> Iterator[Story]:
     yield from pair(
         "KA721",
         bad=Case(
-            "Reading and writing take a grant, joining does not: an identity whose every right was "
-            "withdrawn still gets the keys that participants share.",
+            "Reading and writing need a grant, joining does not: an identity without any right still gets the keys "
+            "that participants share.",
             governed(TWO, replace(QUIET, join_access_control=False)),
         ),
-        good=Case("Joining takes a grant too.", TWO),
+        good=Case("Joining needs a grant too.", TWO),
     )
     uncontrolled = replace(CHATTER, write_access_control=False)
     yield from pair(
         "KA722",
         bad=Case(
-            "For /chatter alone, publish rules are not looked at: the listener, which may only read, writes.",
+            "For /chatter alone, nobody checks publish rules: the listener, which may only read, writes.",
             governed(TWO, replace(QUIET, topics=(uncontrolled, TopicRule()))),
         ),
-        good=Case("To write /chatter takes a grant.", governed(TWO, replace(QUIET, topics=(CHATTER, TopicRule())))),
+        good=Case("Writing /chatter needs a grant.", governed(TWO, replace(QUIET, topics=(CHATTER, TopicRule())))),
     )
 
 
@@ -219,8 +217,8 @@ def _insiders() -> Iterator[Story]:
     yield from pair(
         "KA723",
         bad=Case(
-            "/chatter is encrypted as part of whole messages only, with the key that all participants "
-            "hold: the listener, which has no grant for it, reads it all the same.",
+            "/chatter is encrypted only as part of whole messages, with the key that all participants hold. The "
+            "listener has no grant for it and still reads it.",
             governed(bystander, replace(QUIET, topics=(shared_key, TopicRule()))),
         ),
         good=Case(
@@ -231,12 +229,12 @@ def _insiders() -> Iterator[Story]:
     yield from pair(
         "KA724",
         bad=Case(
-            "sros2's own governance: who can check a message can make one, since the key is the same. The "
-            "listener can write /chatter in the talker's name to any other reader.",
+            "sros2's own governance: who can check a message can make one, since the key is the same. The listener "
+            "can write /chatter to other readers in the talker's name.",
             governed(TWO, DomainRule()),
         ),
         good=Case(
-            "Every submessage carries proof of which participant sent it.",
+            "Every submessage proves which participant sent it.",
             governed(TWO, PROVEN),
         ),
     )
@@ -246,8 +244,8 @@ def _insiders() -> Iterator[Story]:
     yield from pair(
         "KA725",
         bad=Case(
-            "The listener may only pass /chatter on, and only submessages are encrypted, whose keys a relay holds: it "
-            "reads what it passes on.",
+            "The listener may only relay /chatter, of which only submessages are encrypted. A relay holds their "
+            "keys, so it reads what it passes on.",
             governed(store, replace(QUIET, topics=(passed_on, TopicRule()))),
         ),
         good=Case(

@@ -31,8 +31,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA401",
         bad=Case(
-            "The governance does not say whether joining takes a grant: the element is missing. DDS-Security "
-            "1.1 requires it, and both vendors refuse the document (measured): nothing starts.",
+            "The governance lacks the element that says whether joining needs a grant. DDS-Security 1.1 requires "
+            "it, and both vendors refuse the document (measured): nothing starts.",
             replace(ONE, governance=edited(text, _JOIN, "")),
         ),
         good=Case("The document fits the schema.", ONE),
@@ -40,8 +40,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA402",
         bad=Case(
-            "A comment stands inside the topic expression. Fast DDS reads the text before it (rt/), "
-            "Cyclone DDS joins the pieces (rt/*), so that one signed file protects different topics.",
+            "A comment stands inside the topic expression. Fast DDS reads the text before it (rt/), Cyclone DDS "
+            "joins the pieces (rt/*): one signed file protects different topics.",
             replace(
                 ONE,
                 governance=edited(text, ">*</topic_expression>", ">rt/<!-- all -->*</topic_expression>"),
@@ -52,8 +52,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA416",
         bad=Case(
-            "The listener carries an older governance, in which messages are signed, not encrypted. "
-            "Enclaves whose protection differs never match, without a word in any log.",
+            "The listener carries an older governance that signs messages and does not encrypt them. Enclaves with "
+            "different protection never match, and no log says so.",
             with_listener(changes={"governance.p7s": signed_by(ONE.permissions_ca).smime(Governance().xml().encode())}),
         ),
         good=Case("Both carry the same governance.", TWO),
@@ -61,8 +61,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA421",
         bad=Case(
-            "The governance has the form of DDS-Security 1.0, as Ardent wrote it: it cannot say whether "
-            "liveliness is protected, and each implementation answers that for itself.",
+            "The governance has the form of DDS-Security 1.0, as Ardent wrote it. It cannot say whether liveliness "
+            "is protected, so each implementation decides that.",
             replace(ONE, governance=Governance(rules=(QUIET,), version="20160303")),
         ),
         good=Case("The form of DDS-Security 1.1.", ONE),
@@ -74,46 +74,45 @@ def _access() -> Iterator[Story]:
     yield from pair(
         "KA403",
         bad=Case(
-            "Participants that never proved who they are may join the domain. Topics are still encrypted, "
-            "so that they get no data; they see who is there, and any topic added without protection is "
-            "theirs.",
+            "Participants that never proved an identity may join the domain. Topics are encrypted, so they get no "
+            "data. But they see who is there, and can use any topic that is added without protection.",
             governed(ONE, replace(bare, allow_unauthenticated=True)),
         ),
-        good=Case("Everybody who joins proved an identity.", governed(ONE, bare)),
+        good=Case("Every participant proved an identity.", governed(ONE, bare)),
     )
     yield from pair(
         "KA404",
         bad=Case(
-            "Any identity of the CA may join the domain, whatever its permissions say: it holds the keys "
-            "that all participants share.",
+            "Any identity of the CA may join the domain, whatever its permissions say, and gets the keys that all "
+            "participants share.",
             governed(ONE, replace(QUIET, join_access_control=False)),
         ),
-        good=Case("To join takes a grant.", ONE),
+        good=Case("Joining needs a grant.", ONE),
     )
     yield from pair(
         "KA405",
         bad=Case(
-            "Subscribe rules of permissions are not looked at: every participant reads every topic.",
+            "Nobody checks subscribe rules: every participant reads every topic.",
             governed(ONE, replace(QUIET, topics=(TopicRule(read_access_control=False),))),
         ),
-        good=Case("To read takes a grant.", ONE),
+        good=Case("Reading needs a grant.", ONE),
     )
     yield from pair(
         "KA406",
         bad=Case(
-            "Publish rules of permissions are not looked at: every participant writes every topic.",
+            "Nobody checks publish rules: every participant writes every topic.",
             governed(ONE, replace(QUIET, topics=(TopicRule(write_access_control=False),))),
         ),
-        good=Case("To write takes a grant.", ONE),
+        good=Case("Writing needs a grant.", ONE),
     )
     yield from pair(
         "KA417",
         bad=Case(
-            "Unauthenticated participants are allowed, and every message must be protected by a key that "
-            "they cannot have. Fast DDS refuses to start with that since 2.6.5.",
+            "Unauthenticated participants are allowed, but a key that they cannot have must protect every message. "
+            "Fast DDS since 2.6.5 refuses to start.",
             governed(ONE, replace(QUIET, allow_unauthenticated=True)),
         ),
-        good=Case("Messages are protected, and everybody who joins has the key.", ONE),
+        good=Case("Messages are protected, and every participant has the key.", ONE),
     )
 
 
@@ -121,8 +120,8 @@ def _domain_kinds() -> Iterator[Story]:
     yield from pair(
         "KA407",
         bad=Case(
-            "Whole messages are not authenticated: outsiders can forge what is not a topic's payload, "
-            "such as the headers that say from whom a message comes.",
+            "Whole messages are not authenticated: outsiders can forge all but topic payloads, such as headers that "
+            "name the sender.",
             governed(ONE, replace(QUIET, rtps="NONE")),
         ),
         good=Case("Whole messages are encrypted.", ONE),
@@ -139,10 +138,10 @@ def _domain_kinds() -> Iterator[Story]:
     yield from pair(
         "KA409",
         bad=Case(
-            "Topics are announced in clear: outsiders learn every topic's name and type without any key.",
+            "Topics are announced in clear: without any key, outsiders learn every topic's name and type.",
             governed(ONE, replace(STOCK, topics=(TopicRule(discovery_protection=False),))),
         ),
-        good=Case("Topics are announced over the encrypted discovery.", governed(ONE, STOCK)),
+        good=Case("Topics are announced over encrypted discovery.", governed(ONE, STOCK)),
     )
     yield from pair(
         "KA410",
@@ -161,7 +160,7 @@ def _topic_kinds() -> Iterator[Story]:
     yield from pair(
         "KA411",
         bad=Case(
-            "Submessages are bare: sequence numbers and heartbeats can be read, and changed by whoever joined.",
+            "Submessages are not protected: every participant can read and change sequence numbers and heartbeats.",
             governed(ONE, with_topic(metadata="NONE")),
         ),
         good=Case("Submessages are encrypted.", governed(ONE, STOCK)),
@@ -169,7 +168,7 @@ def _topic_kinds() -> Iterator[Story]:
     yield from pair(
         "KA412",
         bad=Case(
-            "Message, submessage and payload are each signed and none is encrypted: outsiders read the data.",
+            "Message, submessage and payload are signed, but none is encrypted: outsiders read the data.",
             governed(ONE, with_topic(metadata="SIGN", data="SIGN")),
         ),
         good=Case("The payload is encrypted.", governed(ONE, with_topic(metadata="SIGN", data="ENCRYPT"))),
@@ -178,8 +177,8 @@ def _topic_kinds() -> Iterator[Story]:
     yield from pair(
         "KA413",
         bad=Case(
-            "Only whole messages are encrypted, with a key that all participants share: whoever joined "
-            "reads every topic, grant or not.",
+            "Only whole messages are encrypted, with a key that all participants share: each of them reads every "
+            "topic, granted or not.",
             governed(ONE, quiet),
         ),
         good=Case(
@@ -190,20 +189,19 @@ def _topic_kinds() -> Iterator[Story]:
     yield from pair(
         "KA414",
         bad=Case(
-            "Message, submessage and payload are all unprotected: anybody on the network writes any "
-            "topic, as if there were no security.",
+            "Message, submessage and payload are all unprotected: anybody on the network writes any topic.",
             governed(ONE, replace(with_topic(metadata="NONE", data="NONE"), rtps="NONE")),
         ),
         good=Case(
-            "The payload alone is encrypted, and with that authenticated.",
+            "Only the payload is encrypted, and so authenticated.",
             governed(ONE, replace(with_topic(metadata="NONE", data="ENCRYPT"), rtps="NONE")),
         ),
     )
     yield from pair(
         "KA415",
         bad=Case(
-            "Submessages are encrypted and payloads are not: a relay or a durable store, which undoes the "
-            "first, holds the data in clear.",
+            "Submessages are encrypted, payloads are not: a relay or a durable store, which decrypts submessages, "
+            "sees the data in clear.",
             governed(ONE, with_topic(data="NONE")),
         ),
         good=Case("Payloads are encrypted too.", governed(ONE, STOCK)),
@@ -214,8 +212,8 @@ def _reach() -> Iterator[Story]:
     yield from pair(
         "KA418",
         bad=Case(
-            "The governance has a rule for rt/* only. For services, actions and ros_discovery_info there "
-            "is none: no implementation creates them, so that no node starts.",
+            "The governance has a rule only for rt/*. No implementation creates services, actions and "
+            "ros_discovery_info without one, so no node starts.",
             governed(ONE, replace(QUIET, topics=(TopicRule(expression="rt/*"),))),
         ),
         good=Case("The last rule is for every topic.", ONE),
@@ -223,8 +221,8 @@ def _reach() -> Iterator[Story]:
     yield from pair(
         "KA419",
         bad=Case(
-            "The domain range has a minimum and no maximum: for the specification that is every domain, "
-            "for Fast DDS and Cyclone DDS domain 0 alone.",
+            "The domain range has a minimum but no maximum. The specification reads every domain; Fast DDS and "
+            "Cyclone DDS read only domain 0.",
             governed(ONE, replace(QUIET, domains=((0, None),))),
         ),
         good=Case("The range has both ends.", governed(ONE, replace(QUIET, domains=((0, 0),)))),
@@ -232,8 +230,7 @@ def _reach() -> Iterator[Story]:
     yield from pair(
         "KA420",
         bad=Case(
-            "The governance also names domain 231. Cyclone DDS refuses the whole document for that, and "
-            "with it domain 0.",
+            "The governance also names domain 231. Cyclone DDS refuses the whole document for that, even for domain 0.",
             governed(ONE, replace(QUIET, domains=(0, 231))),
         ),
         good=Case("The highest domain is 230.", governed(ONE, replace(QUIET, domains=(0, 230)))),

@@ -75,25 +75,28 @@ def stories() -> Iterator[Story]:
     """All healthy samples."""
     yield Story(
         directory="healthy/talker_listener",
-        text="The talker publishes /chatter and the listener subscribes to it, each with the parameter "
-        "services, log and clock that every node needs. Identities and documents are signed by different "
-        "authorities, so that no enclave can vouch for its own rights; the authorities' private keys are "
-        "kept elsewhere.",
+        text=(
+            "The talker publishes /chatter and the listener subscribes to it, each with the parameter services, log "
+            "and clock that every node needs. Different authorities sign identities and documents, so no enclave can "
+            "sign its own rights. The authorities' private keys are kept elsewhere."
+        ),
         tree=healthy("talker_listener", TALKER_LISTENER).tree(),
     )
     yield Story(
         directory="healthy/turtlesim",
-        text="The turtle obeys /move_turtle, which the multiplexer makes of /high_priority, written by "
-        "the keyboard, and /low_priority, written by the random walker. Neither source can move the "
-        "turtle but through the multiplexer. The authorities' keys are still in private/, as sros2 leaves "
-        "them: a note here, critical on a robot.",
+        text=(
+            "The turtle obeys /move_turtle. The multiplexer makes it of the keyboard's /high_priority and the random "
+            "walker's /low_priority. Neither source can move the turtle except through the multiplexer. As sros2 "
+            "leaves them, the authorities' keys are in private/: a note here, critical on a robot."
+        ),
         tree=healthy("turtlesim", TURTLESIM, private_keys=True).tree(),
     )
     yield Story(
         directory="healthy/vehicle",
-        text="Brake and motor control each other; the gateway reads their state and passes it on to "
-        "infotainment and telematics. The gateway reads nothing from the infotainment system, so that "
-        "nothing of it reaches the motor, neither straight nor through the gateway.",
+        text=(
+            "Brake and motor control each other. The gateway reads their state and passes it on to infotainment and "
+            "telematics. It reads nothing from the infotainment system, so nothing of that reaches the motor."
+        ),
         tree=healthy("vehicle", VEHICLE).tree(),
     )
     yield Story(
@@ -104,8 +107,9 @@ def stories() -> Iterator[Story]:
     )
     yield Story(
         directory="healthy/dashing_flat",
-        text="The flat layout of Crystal to Eloquent: a folder for each node below the root, copies "
-        "instead of links, and openssl's readable dump before the certificates. Nothing is wrong with it "
-        "but its age.",
+        text=(
+            "The flat layout of Crystal to Eloquent: a folder for each node, copies instead of links, and openssl's "
+            "readable dump before the certificates. Only its age is wrong."
+        ),
         tree=flat(healthy("dashing_flat", DASHING)),
     )

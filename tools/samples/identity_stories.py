@@ -67,8 +67,8 @@ def _revocation() -> Iterator[Story]:
     yield from pair(
         "KA212",
         bad=Case(
-            "The identity CA revoked the talker's certificate, and the keystore still ships it: whoever "
-            "holds the list refuses the talker.",
+            "The identity CA revoked the talker's certificate, but the keystore still ships it: enclaves with the "
+            "list refuse the talker.",
             _with_crl(revocation_list(TALKER_CERTIFICATE)),
         ),
         good=Case("The list revokes an identity that is not in this keystore.", _with_crl(revocation_list(STOLEN))),
@@ -76,8 +76,8 @@ def _revocation() -> Iterator[Story]:
     yield from pair(
         "KA213",
         bad=Case(
-            "The permissions CA signed the list, not the identity CA: it revokes nothing, and OpenSSL, "
-            "looking for a list of the issuer and finding none, refuses every identity.",
+            "The permissions CA signed the list, not the identity CA. It revokes nothing, and OpenSSL, which finds "
+            "no list of the issuer, refuses every identity.",
             _with_crl(revocation_list(STOLEN, issuer=PERMISSIONS_CA)),
         ),
         good=Case("The identity CA signed the list.", _with_crl(revocation_list(STOLEN))),
@@ -93,18 +93,17 @@ def _revocation() -> Iterator[Story]:
     yield from pair(
         "KA229",
         bad=Case(
-            "The list that revokes the stolen identity was appended to crl.pem, and run times read the first: whoever "
-            "has the identity is let in as before.",
+            "The list that revokes the stolen identity was appended to crl.pem, but run times read only the first. "
+            "Peers still accept whoever has the identity.",
             _with_crl(revocation_list() + revocation_list(STOLEN)),
         ),
-        good=Case("The newer list stands first.", _with_crl(revocation_list(STOLEN) + revocation_list())),
+        good=Case("The newer list is the first.", _with_crl(revocation_list(STOLEN) + revocation_list())),
     )
     crl = {"crl.pem": revocation_list(STOLEN)}
     yield from pair(
         "KA215",
         bad=Case(
-            "The talker refuses revoked identities, the listener has no list and accepts them: revocation "
-            "holds only where the list is.",
+            "The talker refuses revoked identities. The listener has no list and accepts them.",
             replace(TWO, enclaves=(talker(changes=crl), LISTENER)),
         ),
         good=Case(
@@ -123,7 +122,7 @@ def _algorithms() -> Iterator[Story]:
     yield from pair(
         "KA216",
         bad=Case(
-            "The talker's key is on a curve of 224 bits: below what NIST SP 800-57 allows beyond 2030.",
+            "The talker's key is on a 224-bit curve, less than NIST SP 800-57 allows beyond 2030.",
             _with_curve("P-224"),
         ),
         good=Case("The key is on prime256v1.", ONE),
@@ -131,8 +130,8 @@ def _algorithms() -> Iterator[Story]:
     yield from pair(
         "KA217",
         bad=Case(
-            "The talker's key is on secp384r1: strong, but DDS-Security 1.1 (9.3.1) knows RSA 2048 and "
-            "prime256v1 only, and Cyclone DDS refuses anything else.",
+            "The talker's key is on secp384r1, which is strong. But DDS-Security 1.1 (9.3.1) knows only RSA 2048 "
+            "and prime256v1, and Cyclone DDS refuses anything else.",
             _with_curve("P-384"),
         ),
         good=Case("The key is on prime256v1.", ONE),
@@ -140,7 +139,7 @@ def _algorithms() -> Iterator[Story]:
     yield from pair(
         "KA218",
         bad=Case(
-            "The identity CA signed the talker's certificate with SHA-1, for which collisions have been made.",
+            "The identity CA signed the talker's certificate with SHA-1, for which collisions exist.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, digest="sha1")),
         ),
         good=Case("It signed with SHA-256.", ONE),
@@ -148,8 +147,8 @@ def _algorithms() -> Iterator[Story]:
     yield from pair(
         "KA221",
         bad=Case(
-            "The talker's certificate holds a critical extension that no verifier knows: each must then "
-            "refuse it (RFC 5280, 4.2).",
+            "The talker's certificate has a critical extension that no verifier knows: each must refuse it (RFC "
+            "5280, 4.2).",
             with_talker(certificate=replace(TALKER_CERTIFICATE, unknown_critical_extension="1.3.6.1.4.1.99999.1")),
         ),
         good=Case("No such extension.", ONE),
@@ -157,8 +156,8 @@ def _algorithms() -> Iterator[Story]:
     yield from pair(
         "KA224",
         bad=Case(
-            "The talker's serial number has 25 octets, RFC 5280 (4.1.2.2) allows 20: some tools cut it "
-            "off, and then a revocation misses.",
+            "The talker's serial number has 25 octets; RFC 5280 (4.1.2.2) allows 20. Some tools cut it off, and "
+            "then a revocation misses.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, serial=(1 << 199) - 1)),
         ),
         good=Case("The serial number has 20 octets.", ONE),
@@ -170,40 +169,40 @@ def _names() -> Iterator[Story]:
     yield from pair(
         "KA220",
         bad=Case(
-            "The enclave /talker has an identity called /announcer, and a grant for that name. It works, "
-            "and whoever reads the rights of /announcer looks for a folder that is not there.",
+            "The enclave /talker has an identity called /announcer, and a grant for that name. It works, but "
+            "readers of the rights look for a folder /announcer.",
             with_talker(
                 certificate=renamed, permissions=Permissions(grants=(replace(TALKER_GRANT, path="/announcer"),))
             ),
         ),
-        good=Case("The identity is called as the enclave is.", ONE),
+        good=Case("The identity has the enclave's name.", ONE),
     )
     namesake = replace(LISTENER_CERTIFICATE, subject="/talker")
     yield from pair(
         "KA225",
         bad=Case(
-            "Talker and listener have different keys and one name, /talker. Grants are for names: each "
-            "may present the other's permissions, and the listener publishes.",
+            "Talker and listener have different keys and one name, /talker. Grants are for names, so the listener "
+            "presents the talker's permissions and publishes.",
             with_listener(
                 certificate=namesake, permissions=Permissions(grants=(replace(LISTENER_GRANT, path="/talker"),))
             ),
         ),
-        good=Case("Each has a name of its own.", TWO),
+        good=Case("Each has its own name.", TWO),
     )
     yield from pair(
         "KA226",
         bad=Case(
-            "identity_ca.cert.pem was made a bundle, with another authority first. Fast DDS looks through it, Cyclone "
-            "DDS reads the first certificate and refuses everybody.",
+            "identity_ca.cert.pem is a bundle with another authority first. Fast DDS searches it; Cyclone DDS reads "
+            "only the first certificate and refuses everybody.",
             replace(ONE, changes={"public/identity_ca.cert.pem": PERMISSIONS_CA.pem() + IDENTITY_CA.pem()}),
         ),
-        good=Case("identity_ca.cert.pem holds the identity CA alone.", ONE),
+        good=Case("identity_ca.cert.pem holds only the identity CA.", ONE),
     )
     yield from pair(
         "KA227",
         bad=Case(
-            "The request was made with -subj / and the authority did not look: the certificate has no subject. Fast "
-            "DDS crashes on it.",
+            "The request was made with -subj /, and the authority did not check: the certificate has no subject. "
+            "Fast DDS crashes on it.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, subject="")),
         ),
         good=Case("The subject is the enclave's path.", ONE),
@@ -212,8 +211,8 @@ def _names() -> Iterator[Story]:
     yield from pair(
         "KA228",
         bad=Case(
-            "Behind the talker's certificate stands another for the same key, CN=/admin, made for a maintenance "
-            "day. Run times read the first; whoever takes the talker has both.",
+            "After the talker's certificate stands another for the same key, CN=/admin, made for maintenance. Run "
+            "times read only the first, but whoever takes over the talker has both.",
             with_talker(changes={"cert.pem": TALKER_CERTIFICATE.pem() + admin.pem()}),
         ),
         good=Case("The key has one certificate.", ONE),
@@ -221,8 +220,8 @@ def _names() -> Iterator[Story]:
     yield from pair(
         "KA117",
         bad=Case(
-            "The permissions CA was made with SHA-384, as a guide of the company wants it. Fast DDS knows SHA-256 "
-            "alone for authorities and does not load it.",
+            "The permissions CA was made with SHA-384, as a company guide demands. Fast DDS accepts only SHA-256 "
+            "for authorities and does not load it.",
             replace(ONE, permissions_ca=replace(PERMISSIONS_CA, digest="sha384")),
         ),
         good=Case("The authority is signed with SHA-256.", ONE),
@@ -230,11 +229,11 @@ def _names() -> Iterator[Story]:
     yield from pair(
         "KA118",
         bad=Case(
-            "`openssl req -x509 -keyout ca.pem -out ca.pem` put key and certificate into one file, and the file became "
+            "`openssl req -x509 -keyout ca.pem -out ca.pem` put key and certificate into one file, which became "
             "permissions_ca.cert.pem: every robot can sign rights.",
             replace(ONE, changes={"public/permissions_ca.cert.pem": PERMISSIONS_CA.pem() + PERMISSIONS_CA.key.pem()}),
         ),
-        good=Case("permissions_ca.cert.pem holds the certificate alone.", ONE),
+        good=Case("permissions_ca.cert.pem holds only the certificate.", ONE),
     )
 
 
@@ -242,21 +241,20 @@ def _together() -> Iterator[Story]:
     yield from pair(
         "KA219",
         bad=Case(
-            "The listener was given a copy of the talker's certificate and key: nobody can tell the two "
-            "apart, and taking one takes both.",
+            "The listener has a copy of the talker's certificate and key: nobody can tell them apart, and whoever "
+            "takes over one has both.",
             with_listener(
                 certificate=TALKER_CERTIFICATE,
                 permissions=Permissions(grants=(replace(LISTENER_GRANT, path="/talker"),)),
             ),
         ),
-        good=Case("Each enclave has an identity of its own.", TWO),
+        good=Case("Each enclave has its own identity.", TWO),
     )
     yield from pair(
         "KA222",
         bad=Case(
-            "One authority issues identities and signs permissions. Where the run time does not pin the "
-            "signer, each identity that it issued can sign itself any right (CVE-2023-24010, 24011, "
-            "24012).",
+            "One authority issues identities and signs permissions. If the run time does not pin the signer, each "
+            "identity can sign itself any right (CVE-2023-24010, 24011, 24012).",
             replace(ONE, permissions_ca=IDENTITY_CA),
         ),
         good=Case("Two authorities with different keys.", ONE),
@@ -264,7 +262,7 @@ def _together() -> Iterator[Story]:
     yield from pair(
         "KA231",
         bad=Case(
-            "The talker's identity was issued from the template for authorities: with CA:TRUE, as if it were to issue "
+            "The talker's identity was issued from the template for authorities, with CA:TRUE, as if it issued "
             "identities itself.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, ca=True)),
         ),
@@ -275,8 +273,8 @@ def _together() -> Iterator[Story]:
     yield from pair(
         "KA223",
         bad=Case(
-            "Somebody appended authorities of his own to both CA files of public/. Where run times read the whole "
-            "file, whomever he gives an identity and permissions takes part in everything (measured on Fast DDS).",
+            "Somebody appended their own authorities to both CA files of public/. If run times read the whole file, "
+            "every identity and permission from these counts (measured on Fast DDS).",
             replace(
                 ONE,
                 changes={
@@ -285,5 +283,5 @@ def _together() -> Iterator[Story]:
                 },
             ),
         ),
-        good=Case("One authority in each file, and the same for all enclaves.", ONE),
+        good=Case("One authority in each file, the same for all enclaves.", ONE),
     )

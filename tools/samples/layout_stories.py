@@ -29,42 +29,40 @@ def stories() -> Iterator[Story]:
     yield from pair(
         "KA109",
         bad=Case(
-            "The tree has the authorities' private keys in private/: on a robot, whoever reads its disk could issue "
-            "identities and rights for the whole fleet.",
+            "The authorities' private keys are in private/: whoever reads a robot's disk could issue identities and "
+            "rights for the whole fleet.",
             replace(ONE, private_keys=True),
         ),
-        good=Case("The same keystore as it should be shipped, without private/.", ONE),
+        good=Case("The keystore as it should be shipped, without private/.", ONE),
     )
     yield from pair(
         "KA110",
         bad=Case(
-            "Somebody edited permissions.xml to take away a right and did not sign it again: a reviewer "
-            "reads /chat, the robot allows /chatter.",
+            "Somebody removed a right from permissions.xml and did not sign it again: a reviewer reads /chat, the "
+            "robot allows /chatter.",
             replace(with_talker(changes={"permissions.xml": _edited_permissions()}), unsigned=True),
         ),
         good=Case("permissions.xml says what permissions.p7s says.", replace(ONE, unsigned=True)),
     )
     yield from pair(
         "KA122",
-        bad=Case("What was signed lies beside it as it was before.", replace(ONE, unsigned=True)),
+        bad=Case("The unsigned documents lie beside the signed ones.", replace(ONE, unsigned=True)),
         good=Case("Only what a robot reads is in the tree.", ONE),
     )
     yield from pair(
         "KA111",
         bad=Case(
-            "A key.p11 beside key.pem points into a hardware module. Fast DDS takes the module's key, "
-            "Cyclone DDS the file's, and nobody who has only the files can say whether the two are the "
-            "same.",
+            "A key.p11 beside key.pem refers to a hardware module. Fast DDS takes the module's key, Cyclone DDS the "
+            "file's. From the files, nobody can tell whether they are the same.",
             with_talker(changes={"key.p11": b"pkcs11:token=robot;object=talker\n"}),
         ),
-        good=Case("The key is the file key.pem and nothing else.", ONE),
+        good=Case("The key is only the file key.pem.", ONE),
     )
     yield from pair(
         "KA112",
         bad=Case(
-            "An enclave with all its files, copied without links, but public/ and the shared governance "
-            "are gone: `ros2 security` takes this for no keystore, and the next `create_keystore` makes "
-            "new authorities.",
+            "An enclave was copied with all its files, but without public/ and the shared governance. `ros2 "
+            "security` sees no keystore here, and the next `create_keystore` makes new authorities.",
             _without_shared(ONE),
         ),
         good=Case("The same copies with public/ and the shared governance.", copied(ONE.tree())),
@@ -72,8 +70,8 @@ def stories() -> Iterator[Story]:
     yield from pair(
         "KA113",
         bad=Case(
-            "The folder is called front-camera: no ROS 2 enclave name may hold a hyphen, so that no node "
-            "can ever be given this enclave by its name.",
+            "The folder is called front-camera. No ROS 2 enclave name has a hyphen, so no node can ask for this "
+            "enclave.",
             _one_enclave("/front-camera"),
         ),
         good=Case("The same enclave called front_camera.", _one_enclave("/front_camera")),
@@ -81,11 +79,11 @@ def stories() -> Iterator[Story]:
     yield from pair(
         "KA115",
         bad=Case(
-            "The flat layout of Crystal, Dashing and Eloquent: no supported distribution looks for "
-            "enclaves there, so that nodes under Permissive start without security.",
+            "The flat layout of Crystal, Dashing and Eloquent. No supported distribution finds enclaves there, so "
+            "nodes under Permissive start without security.",
             flat(ONE),
         ),
-        good=Case("The same enclave in the layout of Foxy and later.", ONE),
+        good=Case("The same enclave in the layout since Foxy.", ONE),
     )
 
 

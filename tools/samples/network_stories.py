@@ -112,11 +112,11 @@ GOOD: Network = {"talker": talker(), "listener": listener()}
 
 def stories() -> Iterator[Story]:
     """All pairs of KA8."""
-    both = "Two peers with TLS on both sides and rules by the names of certificates, both ways."
+    both = "Mutual TLS, and rules by certificate names, both ways."
     for code, text, bad in (
         (
             "KA801",
-            "/talker asks no certificate of whoever connects.",
+            "/talker asks connecting processes for no certificate.",
             {"talker": talker(transport=tls("talker", enable_mtls=False))},
         ),
         (
@@ -126,7 +126,7 @@ def stories() -> Iterator[Story]:
         ),
         (
             "KA803",
-            "/talker has a multicast endpoint, on which no rule counts.",
+            "/talker has a multicast endpoint, to which no rule applies.",
             {"talker": talker(listen={"endpoints": [OPENS, "udp/224.0.0.224:7446"]}, transport=_any("talker"))},
         ),
         (
@@ -141,22 +141,22 @@ def stories() -> Iterator[Story]:
         ),
         (
             "KA807",
-            "/listener takes /chatter from anybody, as files of zenoh_security_tools do.",
+            "/listener accepts /chatter from anybody, like files of zenoh_security_tools.",
             {"listener": listener(access_control=access({}, *TAKES))},
         ),
         (
             "KA811",
-            "/listener does not check whom it connects to.",
+            "/listener does not check to whom it connects.",
             {"listener": listener(transport=tls("listener", verify_name_on_connect=False))},
         ),
         (
             "KA813",
-            "Links of /talker outlive the certificates of those who have them.",
+            "Links of /talker outlive their certificates.",
             {"talker": talker(transport=tls("talker", close_link_on_expiration=False))},
         ),
         (
             "KA815",
-            "/talker trusts the CA of the permissions to make identities.",
+            "/talker trusts the permissions CA to issue identities.",
             {
                 "talker": talker(
                     transport=tls("talker", root_ca_certificate=f"{KEYSTORE}/public/permissions_ca.cert.pem")
@@ -165,7 +165,7 @@ def stories() -> Iterator[Story]:
         ),
         (
             "KA818",
-            "/listener takes /chatter from /talkr, whom there is not.",
+            "/listener accepts /chatter from /talkr, which does not exist.",
             {"listener": listener(access_control=access(named("/talker", "/talkr"), *TAKES))},
         ),
         (
@@ -180,14 +180,14 @@ def stories() -> Iterator[Story]:
         ),
         (
             "KA820",
-            "A rule of /listener has an expression that is none: it does not start.",
+            "A rule of /listener has an invalid expression: it does not start.",
             {
                 "listener": listener(
                     access_control=access(named("/talker"), rule("publications", ["put"], "ingress", "0/chat*/**"))
                 )
             },
         ),
-        ("KA825", "A password stands in the file of /talker.", {"talker": talker(metadata={"password": "swordfish"})}),
+        ("KA825", "The file of /talker holds a password.", {"talker": talker(metadata={"password": "swordfish"})}),
     ):
         yield from _pair(code, Case(text, PAIR), {**GOOD, **bad}, both, GOOD)
     denying = (*TAKES, rule("nothing_else", ["put"], "ingress", "0/secret/*/*", "deny"))
@@ -195,20 +195,20 @@ def stories() -> Iterator[Story]:
         "KA806",
         Case("/listener denies /secret and allows all else: a put on ** is neither.", PAIR),
         {**GOOD, "listener": listener(access_control=access(named("/talker"), *denying, default="allow"))},
-        "The same rules, and what they are not about is denied.",
+        "The same rules, with default deny.",
         {**GOOD, "listener": listener(access_control=access(named("/talker"), *denying))},
     )
     unnamed = access(named("/talker"), *TAKES)
     unnamed["rules"].append(rule("forgotten", ["put"], "egress"))
     forgotten = {**GOOD, "listener": listener(access_control=unnamed)}
     yield from _pair("KA821", Case("No policy names a rule of /listener.", PAIR), forgotten, both, GOOD)
-    yield from _pair("KA824", Case("There is no file of /listener.", PAIR), {"talker": talker()}, both, GOOD)
+    yield from _pair("KA824", Case("/listener has no file.", PAIR), {"talker": talker()}, both, GOOD)
     scouted = {"scouting": {"multicast": {"enabled": True}}}
     yield from _pair(
         "KA810",
-        Case("/talker connects by any protocol to whoever is announced to it, to anybody on the network.", PAIR),
+        Case("/talker connects by any protocol to whoever announces an address, even to anybody on the network.", PAIR),
         {**GOOD, "talker": talker(**scouted, transport=_any("talker"))},
-        "It connects to whoever is announced to it, with TLS alone.",
+        "It connects to whoever announces an address, but only with TLS.",
         {**GOOD, "talker": talker(**scouted)},
     )
     yield from _restrained()
@@ -245,7 +245,7 @@ def stories() -> Iterator[Story]:
         Case(overridden, PAIR, ("--env", "environments/overridden.env")),
         Case(both, PAIR, ("--env", "environments/right.env")),
     )
-    stolen = "/talker has a list of a stolen identity, which every link takes all the same."
+    stolen = "/talker has a list that revokes a stolen identity, but every link accepts it."
     yield from _in_one_folder("KA814", Case(stolen, _with_list(STOLEN)), Case("The list is empty.", _with_list()))
 
 
@@ -269,9 +269,9 @@ def _restrained() -> Iterator[Story]:
     listens = {"listen": {"endpoints": ["tls/localhost:7450"]}, "connect": {"endpoints": [OPENS]}}
     yield from _pair(
         "KA808",
-        Case("/random may not publish /chatter by its file; it starts without, and /listener takes it.", WITH_RANDOM),
+        Case("/random starts without its file, which denies /chatter, and /listener accepts it.", WITH_RANDOM),
         {**GOOD, "random": random, "listener": listener(**listens, access_control=access({}, *TAKES))},
-        "The same files, and /listener takes /chatter from /talker alone.",
+        "The same files, but /listener accepts /chatter only from /talker.",
         {**GOOD, "random": random, "listener": listener(**listens)},
     )
 
@@ -284,10 +284,10 @@ def _beyond() -> Iterator[Story]:
     wide = access(named("/talker", "/random"), *TAKES)
     beyond = {**GOOD, "random": random, "listener": listener(**listens, access_control=wide)}
     within = {**GOOD, "random": random, "listener": listener(**listens)}
-    right = "The same files, and /listener takes /chatter from /talker alone."
-    said = "/listener takes /chatter from /random too, whose signed permissions are about /random alone."
+    right = "The same files, but /listener accepts /chatter only from /talker."
+    said = "/listener accepts /chatter from /random too, whose signed permissions name only /random."
     yield from _pair("KA822", Case(said, WITH_RANDOM), beyond, right, within)
-    said = "/listener takes /chatter from /random, from which settings say that nothing gets to it."
+    said = "/listener accepts /chatter from /random, though settings say that nothing from it gets there."
     bad, good = (
         _case("KA828", side, text, WITH_RANDOM, files)
         for side, text, files in (("bad", said, beyond), ("good", right, within))
@@ -324,9 +324,9 @@ def _longer() -> Iterator[Story]:
         )
     yield from _pair(
         "KA812",
-        Case("The rules for /image let /image/raw through, which /camera may not publish.", store),
+        Case("The rules for /image also cover /image/raw, which /camera may not publish.", store),
         sides[0],
-        "The rules for /image are about /image alone.",
+        "The rules for /image cover only /image.",
         sides[1],
     )
 
@@ -341,7 +341,7 @@ def _routed() -> Iterator[Story]:
     router = session("zenohd", mode="router", access_control=section, **listens, **gossip)
     yield from _pair(
         "KA809",
-        Case("The sessions are peers that hear of each other, and send past the router's rules.", WITH_ROUTER),
+        Case("The sessions are peers that find each other, and send past the router's rules.", WITH_ROUTER),
         {
             "zenohd": router,
             "talker": talker(listen={"endpoints": ["tls/localhost:0"]}, **joined, **gossip),
@@ -352,7 +352,7 @@ def _routed() -> Iterator[Story]:
     )
     yield from _pair(
         "KA836",
-        Case("The sessions' rules name each other, and there is a router between, which is all they see.", WITH_ROUTER),
+        Case("The sessions' rules name each other, but they see only the router between them.", WITH_ROUTER),
         {"zenohd": router, **_clients(joined, named("/listener"), named("/talker"))},
         "They name the router.",
         {"zenohd": router, **_clients(joined, named("/zenohd"), named("/zenohd"))},

@@ -25,17 +25,17 @@ def stories() -> Iterator[Story]:
     """All of them."""
     yield _story(
         "turtlesim_generated",
-        "TurtleSim with files as zenoh_security_tools makes them: TLS on both sides, and access control whose subjects "
-        "are anybody, so that each file restrains its owner alone. /random writes /high_priority, and moves the turtle "
-        "itself, by starting without its file; the router has no rules at all.",
+        "TurtleSim with files from zenoh_security_tools: TLS on both sides, but access control whose subjects are "
+        "anybody. Each file restrains only its owner. By starting without its file, /random writes /high_priority "
+        "and moves the turtle itself. The router has no rules.",
         TURTLESIM,
         {each.strip("/"): _generated(each, node) for each, node in TURTLESIM.items()}
         | {"zenohd": _router_without_rules()},
     )
     yield _story(
         "turtlesim_clients",
-        "The same system in a form that holds: every session is a client of one router, listens nowhere, checks the "
-        "router's name and takes data from the router alone; the router knows each by its certificate.",
+        "The same system in a form that holds. Every session is a client of one router, listens nowhere, checks the "
+        "router's name and accepts data only from it. The router knows each by its certificate.",
         TURTLESIM,
         _clients(TURTLESIM),
     )
@@ -44,9 +44,9 @@ def stories() -> Iterator[Story]:
     brake["cert_common_names"].append("/infotainment")
     yield _story(
         "vehicle_router",
-        "A vehicle in the form that holds but for one name: somebody tried /motor_limit from /infotainment, and left "
-        "it in the router's subject that is the brake. What the brake may do it may do since, so that it limits the "
-        "motor; its signed permissions say nothing of that.",
+        "A vehicle in the form that holds, except for one name. After a test of /motor_limit, somebody left "
+        "/infotainment in the router's subject for the brake. It may do what the brake may do, and so limits the "
+        "motor; its signed permissions do not allow that.",
         VEHICLE,
         vehicle,
     )

@@ -35,8 +35,8 @@ def _graphs() -> Iterator[Story]:
         "KA650",
         options=GRAPH,
         bad=Case(
-            "The graph was taken with security off. It shows the talker publish /chatter and its log, and the "
-            "permissions know of the log alone: under Enforce the talker fails when it makes its publisher.",
+            "The graph, recorded with security off, shows the talker publish /chatter and its log. The permissions "
+            "allow only the log: under Enforce the talker fails when it creates its publisher.",
             _publishing("rt/rosout"),
         ),
         good=Case("The permissions let the talker publish both.", _publishing(*SEEN)),
@@ -48,18 +48,18 @@ def _graphs() -> Iterator[Story]:
             "The talker may publish /cmd_vel, which it never does in the graph: whoever takes it over drives.",
             _publishing(*SEEN, "rt/cmd_vel"),
         ),
-        good=Case("The permissions let the talker publish what it does, and no more.", _publishing(*SEEN)),
+        good=Case("The permissions let the talker publish only what it does.", _publishing(*SEEN)),
     )
     seen = _publishing(*SEEN)
     yield from pair(
         "KA652",
         options=GRAPH,
         bad=Case(
-            "The graph has the talker in the enclave /talker, and the keystore has none but the listener's: under "
+            "The graph has the talker in the enclave /talker, but the keystore has only the listener's: under "
             "Enforce the talker does not start.",
             replace(seen, enclaves=(LISTENER,)),
         ),
-        good=Case("The keystore has the talker's enclave beside the listener's.", _both(seen)),
+        good=Case("The keystore has both enclaves.", _both(seen)),
     )
 
 
@@ -68,27 +68,27 @@ def _launches() -> Iterator[Story]:
         "KA653",
         options=LAUNCH,
         bad=Case(
-            "The launch file gives the talker's topic the name /chatter, and the talker may do nothing with that name: "
-            "its permissions are of the time when the topic was called /talk.",
+            "The launch file calls the talker's topic /chatter, but the talker may do nothing with that name: its "
+            "permissions still say /talk.",
             with_talker(
                 permissions=Permissions(grants=(grant("/talker", Node(name="talker", publish=("talk",))),)),
             ),
         ),
-        good=Case("The talker may publish under the name that it has.", LAUNCHED),
+        good=Case("The talker may publish under its name.", LAUNCHED),
     )
     yield from pair(
         "KA654",
         bad=Case(
-            "The launch file includes another from a package that is not here. What that one starts is not known, so "
-            "that no grant is called an excess.",
+            "The launch file includes one from a package that is not here. What that starts is unknown, so no grant "
+            "is called an excess.",
             LAUNCHED,
             ELSEWHERE,
         ),
-        good=Case("The launch file says everything itself.", LAUNCHED, LAUNCH),
+        good=Case("The launch file is complete.", LAUNCHED, LAUNCH),
     )
     yield from pair(
         "KA655",
-        bad=Case("The launch file switches security off for the talker: it starts without any.", LAUNCHED, UNSECURED),
+        bad=Case("The launch file switches security off for the talker.", LAUNCHED, UNSECURED),
         good=Case("The launch file says nothing of security.", LAUNCHED, LAUNCH),
     )
 

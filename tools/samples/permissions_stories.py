@@ -57,8 +57,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA501",
         bad=Case(
-            "The grant's default is MAYBE, which the schema does not know: Cyclone DDS takes it for DENY, "
-            "Fast DDS refuses the document.",
+            "The grant's default is MAYBE, which the schema does not allow. Cyclone DDS reads DENY; Fast DDS "
+            "refuses the document.",
             _text("<default>DENY</default>", "<default>MAYBE</default>"),
         ),
         good=Case("The default is DENY.", ONE),
@@ -66,8 +66,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA502",
         bad=Case(
-            "A comment stands inside a topic's name: Fast DDS allows rt/, Cyclone DDS rt/chatter. One "
-            "signed file has two meanings.",
+            "A comment stands inside a topic's name. Fast DDS allows rt/, Cyclone DDS rt/chatter: one signed file "
+            "has two meanings.",
             _text("rt/chatter", "rt/<!-- was: talk -->chatter"),
         ),
         good=Case("The name is one piece of text.", ONE),
@@ -75,8 +75,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA517",
         bad=Case(
-            "A topic is empty. The schema lets it pass; Cyclone DDS crashes on it, and since peers send "
-            "their permissions to each other, one signed file takes others down.",
+            "A topic is empty. The schema allows it, but Cyclone DDS crashes on it. Peers send each other their "
+            "permissions, so one signed file stops others.",
             _text("<topic>rt/chatter</topic>", "<topic></topic>"),
         ),
         good=Case("Every topic has a name.", ONE),
@@ -85,8 +85,7 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA518",
         bad=Case(
-            "The first rule does not say for which domains it is: Cyclone DDS crashes on it, also when a "
-            "peer presents it.",
+            "The first rule names no domains: Cyclone DDS crashes on it, also when a peer presents it.",
             _text(domains + _head("rt/chatter"), _head("rt/chatter")),
         ),
         good=Case("Every rule names its domains.", ONE),
@@ -94,8 +93,7 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA521",
         bad=Case(
-            "The grant was to end some day, and nobody wrote the date: Fast DDS 2.14 crashes on it, also when a peer "
-            "presents it.",
+            "The date on which the grant ends is empty: Fast DDS 2.14 crashes on it, also when a peer presents it.",
             _text("<not_after>2100-01-01T00:00:00</not_after>", "<not_after></not_after>"),
         ),
         good=Case("Both dates are there.", ONE),
@@ -104,11 +102,11 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA522",
         bad=Case(
-            "The document has 64 kB (here by blanks, else by some 900 names): on Fast DDS 2.9 the talker completes no "
-            "handshake, and dies of the first that it answers.",
+            "The document has 64 kB (here by blanks, else by some 900 names). On Fast DDS 2.9 the talker completes "
+            "no handshake, and its process ends when it answers one.",
             _text("  </permissions>", f"{blanks}  </permissions>"),
         ),
-        good=Case("The document is as long as what it says.", ONE),
+        good=Case("The document without the blanks.", ONE),
         options=("--profile", "fastdds-2.9"),
     )
 
@@ -121,8 +119,8 @@ def _grants() -> Iterator[Story]:
     yield from pair(
         "KA503",
         bad=Case(
-            "The grant is for CN=/speaker, the certificate says CN=/talker: no grant is the talker's, and "
-            "it is refused.",
+            "The grant is for CN=/speaker, but the certificate says CN=/talker: no grant names the talker, so it is "
+            "refused.",
             with_grant(subject="CN=/speaker"),
         ),
         good=Case("The grant names the certificate's subject.", ONE),
@@ -132,30 +130,30 @@ def _grants() -> Iterator[Story]:
         "KA519",
         bad=Case(
             "The listener lies below the talker, as namespaces do. Cyclone DDS cuts names at every slash, and all "
-            "parts of CN=/talker are in CN=/talker/listener: the talker may present the listener's permissions.",
+            "parts of CN=/talker are in CN=/talker/listener. So the talker may present the listener's permissions.",
             with_listener(
                 path=nested,
                 certificate=replace(LISTENER_CERTIFICATE, subject=nested),
                 permissions=Permissions(grants=(replace(LISTENER_GRANT, path=nested),)),
             ),
         ),
-        good=Case("Neither path is made of parts of the other.", TWO),
+        good=Case("Neither path consists of parts of the other.", TWO),
     )
     yield from pair(
         "KA520",
         bad=Case(
-            "Somebody laid the grant out for the eye: CN = /talker. Fast DDS since 2.14 finds it, Fast DDS 2.6 and "
+            "The grant has blanks in its subject: CN = /talker. Fast DDS since 2.14 finds it. Fast DDS 2.6 and "
             "Cyclone DDS 0.10 do not, and the talker has no rights there.",
             with_grant(subject="CN = /talker"),
         ),
-        good=Case("The subject is written without blanks.", ONE),
+        good=Case("The subject has no blanks.", ONE),
     )
     wide = replace(TALKER_GRANT, rules=(Rule(publish=("rt/cmd_vel",)), DISCOVERY))
     yield from pair(
         "KA504",
         bad=Case(
-            "A second grant gives the talker /cmd_vel. Today every implementation stops at the first; "
-            "when that one expires, Fast DDS goes on to the second.",
+            "A second grant gives the talker /cmd_vel. Today every implementation stops at the first; when that "
+            "expires, Fast DDS uses the second.",
             with_talker(permissions=Permissions(grants=(TALKER_GRANT, wide))),
         ),
         good=Case("One grant.", ONE),
@@ -163,8 +161,8 @@ def _grants() -> Iterator[Story]:
     yield from pair(
         "KA512",
         bad=Case(
-            "The talker's document also holds a grant for the listener, to publish /cmd_vel. Peers take "
-            "any document that the CA signed: the listener presents this one instead of its own.",
+            "The talker's document also grants the listener /cmd_vel. Peers accept any document that the CA signed, "
+            "so the listener presents this one instead of its own.",
             replace(
                 TWO,
                 enclaves=(
@@ -173,16 +171,16 @@ def _grants() -> Iterator[Story]:
                 ),
             ),
         ),
-        good=Case("Each document holds the grant of its own enclave.", TWO),
+        good=Case("Each document holds its own enclave's grant.", TWO),
     )
     yield from pair(
         "KA514",
         bad=Case(
-            "The grant only denies: with nothing allowed, Fast DDS refuses the participant.",
+            "The grant only denies: Fast DDS refuses a participant that is allowed nothing.",
             with_grant(rules=(Rule(publish=("rt/secret",), allow=False),)),
         ),
         good=Case(
-            "The same denial before what is allowed.",
+            "The same denial before an allow rule.",
             with_rules(Rule(publish=("rt/secret",), allow=False), TALKING),
         ),
     )
@@ -197,12 +195,12 @@ def _dates() -> Iterator[Story]:
     yield from pair(
         "KA506",
         bad=Case("The talker's grant begins in 2027.", with_grant(not_before="2027-01-01T00:00:00")),
-        good=Case("It has been good since 2020.", ONE),
+        good=Case("It has been valid since 2020.", ONE),
     )
     yield from pair(
         "KA507",
         bad=Case(
-            "The talker's grant ends on 5 December 2026, two weeks after the audit: time to sign it again.",
+            "The talker's grant ends two weeks after the audit: time to sign it again.",
             with_grant(not_after="2026-12-05T00:00:00"),
         ),
         good=Case("It ends with the certificate.", ONE),
@@ -211,8 +209,8 @@ def _dates() -> Iterator[Story]:
     yield from pair(
         "KA513",
         bad=Case(
-            "The grant is good for a year longer than the identity: harmless until somebody issues the "
-            "name again, for whom the old right then still stands.",
+            "The grant is valid a year longer than the identity. If somebody issues the name again, the old right "
+            "still counts.",
             with_talker(certificate=shorter),
         ),
         good=Case("Grant and identity end together.", ONE),
@@ -220,7 +218,7 @@ def _dates() -> Iterator[Story]:
     yield from pair(
         "KA516",
         bad=Case(
-            "The grant ends before it begins: the two dates were swapped, and it never holds.",
+            "The two dates are swapped: the grant ends before it begins, and is never in force.",
             with_grant(not_before="2026-06-01T00:00:00", not_after="2026-01-01T00:00:00"),
         ),
         good=Case("It begins before it ends.", ONE),
@@ -232,8 +230,7 @@ def _domains() -> Iterator[Story]:
     yield from pair(
         "KA508",
         bad=Case(
-            "The grant is for domain 7, the governance for domain 0: there is no domain in which the "
-            "talker may do anything.",
+            "The grant is for domain 7, the governance for domain 0: the talker may do nothing in any domain.",
             with_grant(rules=elsewhere),
         ),
         good=Case("Both are for domain 0.", ONE),
@@ -241,8 +238,8 @@ def _domains() -> Iterator[Story]:
     yield from pair(
         "KA515",
         bad=Case(
-            "The rule's domain range has a minimum and no maximum: for the specification that is every "
-            "domain, for Fast DDS and Cyclone DDS domain 0 alone.",
+            "The rule's domain range has a minimum but no maximum. The specification reads every domain; Fast DDS "
+            "and Cyclone DDS read only domain 0.",
             with_rules(replace(TALKING, domains=((0, None),))),
         ),
         good=Case("The range has both ends.", with_rules(replace(TALKING, domains=((0, 0),)))),
@@ -253,8 +250,8 @@ def _rights() -> Iterator[Story]:
     yield from pair(
         "KA509",
         bad=Case(
-            "What no rule mentions is allowed. Cyclone DDS obeys: the talker may do everything; Fast DDS "
-            "ignores the default, which hides the fault where only it is tried.",
+            "What no rule mentions is allowed. Under Cyclone DDS the talker may do everything. Fast DDS ignores the "
+            "default, which hides the fault.",
             with_grant(default="ALLOW"),
         ),
         good=Case("What no rule mentions is denied.", ONE),
@@ -262,8 +259,7 @@ def _rights() -> Iterator[Story]:
     yield from pair(
         "KA510",
         bad=Case(
-            "The talker may publish rt/chatter*: also /chatter/admin, /chatter_raw and any name somebody "
-            "thinks of later.",
+            "The talker may publish rt/chatter*: also /chatter/admin, /chatter_raw and any later name.",
             with_rules(Rule(publish=("rt/chatter*",))),
         ),
         good=Case("The talker may publish /chatter.", ONE),
@@ -271,8 +267,8 @@ def _rights() -> Iterator[Story]:
     yield from pair(
         "KA511",
         bad=Case(
-            "The permissions are those that `ros2 security create_enclave` makes, before any policy was "
-            "applied: every topic, service and action, both ways.",
+            "The permissions are those of `ros2 security create_enclave`, before any policy: every topic, service "
+            "and action, in both directions.",
             with_talker(permissions=Permissions(grants=(grant("/talker", EVERYTHING),))),
         ),
         good=Case("The permissions list what the talker needs.", ONE),

@@ -49,13 +49,12 @@ def _unmanaged() -> Iterator[Story]:
     yield from pair(
         "KA660",
         bad=Case(
-            "The talker's rights were narrowed to /chatter, and the permissions of before, for every topic, were kept "
-            "in old/. They are validly signed and in force: a talker that is taken over presents them, and its peers "
-            "take them.",
+            "The talker's rights were narrowed to /chatter, but its earlier permissions, for every topic, are in "
+            "old/. They are validly signed and in force: a compromised talker presents them, and peers accept them.",
             _kept(_WIDE),
         ),
         good=Case(
-            "The same old permissions, whose dates are past: nobody takes them.",
+            "The same old permissions have expired, so nobody accepts them.",
             _kept(replace(_WIDE, not_after="2024-01-01T00:00:00")),
         ),
     )
@@ -63,8 +62,8 @@ def _unmanaged() -> Iterator[Story]:
     yield from pair(
         "KA661",
         bad=Case(
-            "A governance without message protection, signed for tests, lies beside the one in use. Whoever can write "
-            "to a robot needs no key to put it in its place.",
+            "A governance without message protection, signed for tests, lies beside the current one. Whoever can "
+            "write to a robot can replace the current one by it, without a key.",
             _with("enclaves/governance.p7s.test", signed_by(PERMISSIONS_CA).smime(weaker)),
         ),
         good=Case("The only governance is the one in use.", ONE),
@@ -73,7 +72,7 @@ def _unmanaged() -> Iterator[Story]:
     yield from pair(
         "KA662",
         bad=Case(
-            "Permissions that the authority of another fleet signed lie in the tree. No peer here takes them.",
+            "Another fleet's authority signed permissions that lie in the tree. No peer here accepts them.",
             _with("notes/other-fleet", signed_by(stranger).smime(Permissions(grants=(_WIDE,)).xml().encode())),
         ),
         good=Case("No signed document but those of the enclave.", ONE),
@@ -83,12 +82,12 @@ def _unmanaged() -> Iterator[Story]:
     yield from pair(
         "KA663",
         bad=Case(
-            "Archived permissions have a CDATA section in a topic's name. They are validly signed, and XML parsers "
-            "differ in what they read: what a peer makes of them is unknown.",
+            "Archived permissions, validly signed, have a CDATA section in a topic's name, which parsers read "
+            "differently. What a peer reads in them is unknown.",
             _with("archive/2023/permissions.p7s", signed_by(PERMISSIONS_CA).smime(sectioned.encode())),
         ),
         good=Case(
-            "The same archived permissions without the section say what the talker's own say.",
+            "The archived permissions without the section say what the talker's own say.",
             _with("archive/2023/permissions.p7s", signed_by(PERMISSIONS_CA).smime(plain.encode() + b"\n")),
         ),
     )
@@ -98,11 +97,11 @@ def _given() -> Iterator[Story]:
     yield from pair(
         "KA121",
         bad=Case(
-            "The tree still has the policy that the keystore was made from, and a map.",
+            "The tree still has the policy from which the keystore was made, and a map.",
             replace(ONE, changes={"policy.xml": b"<policy/>\n", "maps/hall.yaml": b"resolution: 0.05\n"}),
         ),
         good=Case(
-            "The same keystore with nothing but what sros2 makes, unsigned documents among it.",
+            "Only what sros2 makes, including unsigned documents.",
             replace(ONE, unsigned=True),
         ),
     )
@@ -117,8 +116,8 @@ def _beside() -> Iterator[Story]:
     yield from pair(
         "KA668",
         bad=Case(
-            "The listener's folder was moved to backup/, with its key. It is no enclave of this keystore any more, and "
-            "whoever has the tree can start it: its peers know of no move.",
+            "The listener's folder was moved to backup/, with its key. It is no enclave here any more, but whoever "
+            "has the tree can start it, and peers accept it.",
             replace(ONE, changes={**kept, "backup/key.pem": LISTENER_CERTIFICATE.key.pem()}),
         ),
         good=Case("The same folder without the private key: nobody can be the listener.", replace(ONE, changes=kept)),
@@ -133,12 +132,12 @@ def _inside() -> Iterator[Story]:
     yield from pair(
         "KA669",
         bad=Case(
-            "The keystore of another robot was unpacked in this one, in robot2/. Its governance protects nothing, and "
-            "no rule says so here: its peers are not those of this keystore.",
+            "Another robot's keystore was unpacked in robot2/. Its governance protects nothing, but no rule says so "
+            "here: its peers are not those of this keystore.",
             {**ONE.tree(), **other},
         ),
         good=Case(
-            "Of the other keystore its authority's certificate alone is kept: nobody can be started from it.",
+            "Only the authority's certificate of the other keystore is kept: nobody can start from it.",
             {**ONE.tree(), **{path: entry for path, entry in other.items() if path.startswith("robot2/public/")}},
         ),
     )

@@ -57,22 +57,22 @@ def _halves() -> Iterator[Story]:
     yield from pair(
         "KA630",
         bad=Case(
-            "The talker may send requests to /reset and not read the answers: its client is not made, and the node "
-            "fails under Enforce.",
+            "The talker may send requests to /reset but not read the answers: under Enforce its node fails when it "
+            "creates the client.",
             _two(Rule(publish=(CHATTER, "rq/resetRequest")), _server("/reset")),
         ),
-        good=Case("It may read the answers as well.", _two(_client("/reset"), _server("/reset"))),
+        good=Case("It may read the answers too.", _two(_client("/reset"), _server("/reset"))),
     )
     serving = Rule(publish=(*RESULTS, *TOPICS), subscribe=(CHATTER, *GOALS))
     yield from pair(
         "KA631",
         bad=Case(
-            "The talker may use the three services of the action /dock and read its status, but not its feedback: the "
-            "action client is not made.",
+            "The talker may use the three services of the action /dock and read its status, but not its feedback: "
+            "the action client is not created.",
             _two(Rule(publish=(CHATTER, *GOALS), subscribe=(*RESULTS, TOPICS[1])), serving),
         ),
         good=Case(
-            "It may read the feedback as well.",
+            "It may read the feedback too.",
             _two(Rule(publish=(CHATTER, *GOALS), subscribe=(*RESULTS, *TOPICS)), serving),
         ),
     )
@@ -83,21 +83,21 @@ def _reach() -> Iterator[Story]:
     yield from pair(
         "KA632",
         bad=Case(
-            "The talker may set parameters of the node /listener, which runs in another enclave.",
+            "The talker may set parameters of the node /listener in another enclave.",
             _two(_client(*parameters), _server(*parameters)),
         ),
         good=Case(
-            "It may set those of its own node alone.", _two(_client("/talker/set_parameters"), _server(*parameters))
+            "It may set only those of its own node.", _two(_client("/talker/set_parameters"), _server(*parameters))
         ),
     )
     state = ("/listener/change_state",)
     yield from pair(
         "KA633",
         bad=Case(
-            "The talker may start and stop the managed node /listener, which runs in another enclave.",
+            "The talker may start and stop the managed node /listener in another enclave.",
             _two(_client(*state), _server(*state)),
         ),
-        good=Case("Nobody but the listener's own enclave may.", _two(Rule(publish=(CHATTER,)), _server(*state))),
+        good=Case("Only the listener's own enclave may.", _two(Rule(publish=(CHATTER,)), _server(*state))),
     )
     yield from pair(
         "KA634",
@@ -105,7 +105,7 @@ def _reach() -> Iterator[Story]:
             "Both enclaves may answer /reset: a client cannot tell whose answer it gets.",
             _two(replace(_server("/reset"), publish=("rr/resetReply", CHATTER)), _server("/reset")),
         ),
-        good=Case("The listener's alone may.", _two(_client("/reset"), _server("/reset"))),
+        good=Case("Only the listener's may.", _two(_client("/reset"), _server("/reset"))),
     )
 
 
@@ -114,11 +114,11 @@ def _topics() -> Iterator[Story]:
     yield from pair(
         "KA635",
         bad=Case(
-            "The talker may publish whatever is below /dock, and so the feedback and status of the action /dock, which "
-            "the listener serves.",
+            "The talker may publish everything below /dock, and so the feedback and status of the action /dock, "
+            "which the listener serves.",
             _two(Rule(publish=(CHATTER, "rt/dock/*")), serving),
         ),
-        good=Case("It may publish /dock/light alone.", _two(Rule(publish=(CHATTER, "rt/dock/light")), serving)),
+        good=Case("It may publish only /dock/light.", _two(Rule(publish=(CHATTER, "rt/dock/light")), serving)),
     )
     usual = ("rt/rosout", "rt/parameter_events")
     described = (*PARAMETER_SERVICES, "~/get_type_description")
@@ -129,12 +129,12 @@ def _topics() -> Iterator[Story]:
     yield from pair(
         "KA636",
         bad=Case(
-            "The talker may log and tell changes of parameters, but not hear of those of others: its nodes fail unless "
+            "The talker may log and announce parameter changes, but not read those of others: its nodes fail unless "
             "they are told to do without.",
             _two(replace(own, publish=(CHATTER, *usual, *own.publish)), listening),
         ),
         good=Case(
-            "It may hear of them too.",
+            "It may read them too.",
             _two(Rule(publish=(CHATTER, *usual, *own.publish), subscribe=(*usual[1:], *own.subscribe)), listening),
         ),
     )

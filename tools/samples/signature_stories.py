@@ -15,7 +15,7 @@ from .smime import Message, signed_by
 from .store import Seal, Store
 from .story import Case, Story, pair
 
-GENUINE = "permissions.p7s carries one detached signature of the permissions CA, as sros2 makes it."
+GENUINE = "The permissions CA signed permissions.p7s, as sros2 does."
 CA_SIGNER = Signer(certificate=PERMISSIONS_CA)
 
 
@@ -41,8 +41,8 @@ def _signers() -> Iterator[Story]:
     yield from pair(
         "KA301",
         bad=Case(
-            "A stranger signed the permissions with an authority of the same name and a key of his own. "
-            "The signature is valid; it is only not the permissions CA's.",
+            "A stranger signed the permissions, with an authority of the same name and another key. The signature "
+            "is valid, but not the permissions CA's.",
             _sealed(signed_by(stranger).smime),
         ),
         good=Case(GENUINE, ONE),
@@ -50,9 +50,8 @@ def _signers() -> Iterator[Story]:
     yield from pair(
         "KA302",
         bad=Case(
-            "The talker signed its permissions itself, with the identity that the identity CA gave it. "
-            "Here the authorities are separate and every run time refuses; with one authority for both "
-            "roles some accept it.",
+            "The talker signed its permissions with its own identity. The authorities are separate, so every run "
+            "time refuses them; with one authority for both roles, some accept them.",
             _sealed(signed_by(TALKER_CERTIFICATE).smime),
         ),
         good=Case(GENUINE, ONE),
@@ -60,7 +59,7 @@ def _signers() -> Iterator[Story]:
     yield from pair(
         "KA303",
         bad=Case(
-            "After signing, somebody put /cmd_vel where /chatter stood: the signature no longer fits the document.",
+            "After signing, somebody changed /chatter to /cmd_vel: the signature no longer fits the document.",
             _sealed(_tampered),
         ),
         good=Case(GENUINE, ONE),
@@ -69,9 +68,9 @@ def _signers() -> Iterator[Story]:
     yield from pair(
         "KA316",
         bad=Case(
-            "The permissions CA was renewed with its old key; the document names the new certificate, the "
-            "enclave has the old one. The key fits, but OpenSSL looks for issuer and serial number and "
-            "finds no signer.",
+            "The permissions CA was renewed with its old key. The document names the new certificate, but the "
+            "enclave has the old one. The key fits, but OpenSSL looks for issuer and serial number and finds no "
+            "signer.",
             _sealed(signed_by(renewed).smime),
         ),
         good=Case("The document names the certificate that the enclave has.", ONE),
@@ -79,8 +78,8 @@ def _signers() -> Iterator[Story]:
     yield from pair(
         "KA317",
         bad=Case(
-            "Signed with -nocerts, to save some bytes: implementations that look for the signer inside the message "
-            "find none and refuse, the others take it.",
+            "Signed with -nocerts, to save some bytes. Implementations that look for the signer in the message "
+            "refuse it, the others accept it.",
             _sealed(_signed(embed_certificates=False)),
         ),
         good=Case("The signer's certificate is in the message.", ONE),
@@ -95,7 +94,7 @@ def _envelopes() -> Iterator[Story]:
     yield from pair(
         "KA304",
         bad=Case(
-            "permissions.p7s is the plain XML: somebody copied permissions.xml over it. Nothing is signed.",
+            "permissions.p7s is plain XML: somebody copied permissions.xml over it. Nothing is signed.",
             _sealed(lambda document: document),
         ),
         good=Case(GENUINE, ONE),
@@ -103,7 +102,7 @@ def _envelopes() -> Iterator[Story]:
     yield from pair(
         "KA305",
         bad=Case(
-            "The last boundary of the message is missing, as after a copy that was cut short.",
+            "The last boundary of the message is missing, as in a file that was cut short.",
             _sealed(lambda document: signed_by(PERMISSIONS_CA).smime(document).rsplit(b"\r\n--", 1)[0]),
         ),
         good=Case(GENUINE, ONE),
@@ -111,8 +110,8 @@ def _envelopes() -> Iterator[Story]:
     yield from pair(
         "KA306",
         bad=Case(
-            "Four bytes follow the CMS structure inside its base64. OpenSSL ignores them, stricter "
-            "parsers do not: two readers of one file may come to two answers.",
+            "Four bytes follow the CMS structure inside its base64. OpenSSL ignores them, stricter parsers do not: "
+            "two readers may disagree about one file.",
             _sealed(_signed(trailing=bytes(4))),
         ),
         good=Case(GENUINE, ONE),
@@ -120,8 +119,8 @@ def _envelopes() -> Iterator[Story]:
     yield from pair(
         "KA307",
         bad=Case(
-            "The document was signed by `openssl smime -sign` without -text: a good signature over a "
-            "content that no run time accepts, since it does not begin with Content-Type: text/plain.",
+            "`openssl smime -sign` signed the document without -text. The signature is good, but no run time "
+            "accepts content that does not begin with Content-Type: text/plain.",
             _sealed(Message(signature=SignedData(signers=(CA_SIGNER,)), text=False).smime),
         ),
         good=Case(GENUINE, ONE),
@@ -129,8 +128,7 @@ def _envelopes() -> Iterator[Story]:
     yield from pair(
         "KA308",
         bad=Case(
-            "Behind the signature stands a second grant in plain text. No run time reads it; whoever "
-            "reviews the file might.",
+            "After the signature stands a second grant in plain text. No run time reads it, but a reviewer might.",
             _sealed(Message(signature=SignedData(signers=(CA_SIGNER,)), epilogue=_DECOY).smime),
         ),
         good=Case(GENUINE, ONE),
@@ -144,8 +142,8 @@ def _forms() -> Iterator[Story]:
     yield from pair(
         "KA309",
         bad=Case(
-            "The permissions were signed over SHA-1, for which collisions have been made: whoever could "
-            "choose what was signed may hold a second document with the same signature.",
+            "The permissions were signed over SHA-1, for which collisions exist. Whoever could choose the content "
+            "may hold a second document with the same signature.",
             _sealed(_signed(digest="sha1")),
         ),
         good=Case(GENUINE, ONE),
@@ -153,8 +151,8 @@ def _forms() -> Iterator[Story]:
     yield from pair(
         "KA311",
         bad=Case(
-            "The document stands inside the CMS structure (application/pkcs7-mime): valid, but nobody can "
-            "read it without a tool, and debug builds of Cyclone DDS abort on it.",
+            "The document is inside the CMS structure (application/pkcs7-mime). It is valid, but nobody can read it "
+            "without a tool, and debug builds of Cyclone DDS abort.",
             _sealed(signed_by(PERMISSIONS_CA).opaque),
         ),
         good=Case(GENUINE, ONE),
@@ -162,8 +160,8 @@ def _forms() -> Iterator[Story]:
     yield from pair(
         "KA312",
         bad=Case(
-            "The message carries two documents: the signed one beside the signature and another inside "
-            "it. Which one counts depends on who reads.",
+            "The message carries two documents: one beside the signature and another inside it. Which one counts "
+            "depends on the parser.",
             _sealed(_signed(content=b"Content-Type: text/plain\r\n\r\n<dds/>\r\n")),
         ),
         good=Case(GENUINE, ONE),
@@ -171,8 +169,8 @@ def _forms() -> Iterator[Story]:
     yield from pair(
         "KA313",
         bad=Case(
-            "The signature covers the document itself, without signed attributes (openssl's -noattr): "
-            "valid, but it says neither when it was made nor what kind of content it is for.",
+            "The signature covers only the document, without signed attributes (openssl's -noattr). It is valid, "
+            "but does not say when it was made, or for what kind of content.",
             _sealed(_signed(attributes=False)),
         ),
         good=Case(GENUINE, ONE),
@@ -180,8 +178,8 @@ def _forms() -> Iterator[Story]:
     yield from pair(
         "KA314",
         bad=Case(
-            "The permissions were signed over SHA3-256. OpenSSL verifies it; this audit does not, and "
-            "says so rather than calling it valid or invalid.",
+            "The permissions were signed over SHA3-256. OpenSSL verifies it; this audit does not, and calls it "
+            "neither valid nor invalid.",
             _sealed(_signed(digest="sha3_256")),
         ),
         good=Case(GENUINE, ONE),
@@ -194,15 +192,14 @@ def _numbers_of_signers() -> Iterator[Story]:
     yield from pair(
         "KA310",
         bad=Case(
-            "While the permissions CA is being replaced, old and new authority both signed. Every "
-            "signature must verify, and Cyclone DDS knows only the first certificate of the file: it "
-            "refuses.",
+            "While the permissions CA is replaced, old and new authority both signed. Every signature must verify. "
+            "Cyclone DDS knows only the first certificate of the file, and refuses.",
             with_talker(seal=signed_by(PERMISSIONS_CA, successor).smime, changes=both),
         ),
-        good=Case("Only the old authority, first in the file, signed.", with_talker(changes=both)),
+        good=Case("Only the old authority signed, the first in the file.", with_talker(changes=both)),
     )
     yield from pair(
         "KA315",
-        bad=Case("A CMS structure without any signature: form without substance.", _sealed(_signed(signers=()))),
+        bad=Case("A CMS structure without any signature.", _sealed(_signed(signers=()))),
         good=Case(GENUINE, ONE),
     )

@@ -87,8 +87,8 @@ def stock(name: str, nodes: dict[str, Node], *, apart: timedelta = timedelta(0),
 def stories() -> Iterator[Story]:
     """All stock samples."""
     as_made = (
-        "One authority, sros2CA, issues identities and signs documents: where the run time does not pin "
-        "the signer (Cyclone DDS up to 0.10), every enclave can sign itself any right."
+        "One authority, sros2CA, issues identities and signs documents. Cyclone DDS up to 0.10 does not pin the "
+        "signer, so there every enclave can sign itself any right."
     )
     yield Story(
         directory="stock/talker_listener",
@@ -100,17 +100,17 @@ def stories() -> Iterator[Story]:
     yield Story(
         directory="stock/turtlesim",
         text="The TurtleSim as `ros2 security create_keystore`, `create_enclave` and "
-        "`create_permission`, one after the other, make it in Rolling; each identity was issued some "
-        f"seconds after the authority and outlives it by these. {as_made}",
+        "`create_permission` make it in Rolling. Each identity was issued some seconds after the "
+        f"authority, and outlives it by these. {as_made}",
         tree=stock("turtlesim", TURTLESIM, apart=timedelta(seconds=2)).tree(),
         key_mode=0o644,
         by_meaning=True,
     )
     yield Story(
         directory="stock/sample_policy",
-        text="The seven enclaves of sros2's own sample policy as `ros2 security generate_artifacts` "
-        "makes them in Rolling: talker, listener, service, action, and an administrator who may do all "
-        f"of it. {as_made}",
+        text="The seven enclaves of sros2's sample policy as `ros2 security generate_artifacts` makes "
+        "them in Rolling: talker, listener, service, action, and an administrator with all their "
+        f"rights. {as_made}",
         tree=stock("sample_policy", SAMPLE_POLICY).tree(),
         key_mode=0o644,
         by_meaning=True,

@@ -22,15 +22,15 @@ def stories() -> Iterator[Story]:
         (
             "KA909",
             "ended",
-            "That the talker's identity ends soon was accepted until 20 November 2026, which is over: it counts again.",
+            "That the talker's identity ends soon was accepted until 20 November 2026. Now it counts again.",
         ),
         (
             "KA910",
             "unused",
-            "That an identity ends soon is accepted of the listener, and there is no listener. It is the talker's.",
+            "It is accepted that the listener's identity ends soon, but there is only a talker.",
         ),
     ):
-        current = "That the talker's identity ends soon is accepted until 4 December 2026."
+        current = "It is accepted until 4 December 2026 that the talker's identity ends soon."
         yield from pair(code, bad=_case(text, file), good=_case(current, "current"))
 
 

@@ -18,25 +18,27 @@ def stories() -> Iterator[Story]:
     whole = signed_by(PERMISSIONS_CA).smime(document.encode())
     yield Story(
         directory="unknown/unreadable_enclave",
-        text="The listener's permissions.p7s is cut off inside the signature. What a robot makes of it is "
-        "unknown, so that no property which the listener's rights could change holds: the audit is "
-        "incomplete, exit 4.",
+        text=(
+            "The listener's permissions.p7s is cut off inside the signature. What a robot reads in it is unknown, so "
+            "no property holds that the listener's rights could change: incomplete, exit 4."
+        ),
         tree=with_listener(changes={"permissions.p7s": whole[: len(whole) - 300]}).tree(),
     )
     ambiguous = edited(document, "rt/chatter", "rt/<![CDATA[chatter]]>")
     yield Story(
         directory="unknown/ambiguous_enclave",
-        text="The listener's permissions are validly signed and have a CDATA section in a topic, of which parsers "
-        "read different pieces. Rather than choosing one, the audit calls what depends on it unknown: incomplete, "
-        "exit 4.",
+        text=(
+            "The listener's permissions are validly signed, but a topic has a CDATA section, which parsers read "
+            "differently. The audit does not choose: what depends on it is unknown, exit 4."
+        ),
         tree=with_listener(permissions=ambiguous).tree(),
     )
     yield from pair(
         "KA906",
         bad=Case(
-            "A .p11 reference beside the listener's certificate: which identity the listener has is not "
-            "in the files, so that no property of identities can be decided.",
+            "A .p11 reference lies beside the listener's certificate. The files do not say which identity the "
+            "listener has, so no property of identities can be decided.",
             with_listener(changes={"cert.p11": b"pkcs11:token=robot;object=listener\n"}),
         ),
-        good=Case("The certificate is the file cert.pem and nothing else.", TWO),
+        good=Case("The certificate is only the file cert.pem.", TWO),
     )
