@@ -106,7 +106,7 @@ def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violatio
     """A rule never decides: earlier rules match all of it, and decide the opposite for some of it.
 
     High for a deny rule: what it denies is allowed. Decided over all names, domains and partitions in which anything is
-    allowed. The intended order cannot be known; `ros2 security` writes deny rules first.
+    allowed. `ros2 security` writes deny rules first.
     """
     yield from all_odd(
         use,
@@ -159,9 +159,8 @@ def _a_rule(anomaly: Anomaly) -> str:
 def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """A rule changes nothing: other rules decide the same about everything that it decides.
 
-    Whoever removes a right from one of them may believe it gone. All rules named here can be removed, alone or
-    together, and so can rules that never decide. The rule that `ros2 security` adds for ros_discovery_info is no
-    finding.
+    Whoever removes a right from one of them may believe it gone. All rules named can go, alone or together, and so can
+    rules that never decide. The rule that `ros2 security` adds for ros_discovery_info is no finding.
     """
     yield from all_odd(
         use,
@@ -186,7 +185,7 @@ def rules_correlated(use: PermissionsUse, context: Context) -> Iterator[Violatio
     """An allow and a deny expression share names, neither holds all of the other's, and the order of the rules decides.
 
     Neither is an exception to the other, so a reader cannot tell what was meant for the shared names. Domains and
-    partitions count: rules that share one domain overlap only there.
+    partitions count.
     """
     yield from all_odd(
         use,
@@ -240,9 +239,8 @@ def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Viol
     """A rule changes nothing: no other rule is about what it decides, and the default decides the same.
 
     Usually harmless. On Cyclone DDS 0.10 such a deny rule may take the whole topic away: see deny-rule-blocks-topic. On
-    Fast DDS it may keep the enclave from endpoints that a later rule allows in another domain. For an allow rule beside
-    <default>ALLOW, see default-allow; for a grant that allows nothing, grant-without-allow-rule. For rules in
-    ungoverned domains, see rule-in-no-governed-domain.
+    Fast DDS it may keep the enclave from endpoints that a later rule allows in another domain. Related: default-allow,
+    grant-without-allow-rule, rule-in-no-governed-domain.
     """
     every = odd(use, context, AnomalyKind.SAME_AS_DEFAULT)
     if not every:

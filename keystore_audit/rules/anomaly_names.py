@@ -54,8 +54,8 @@ def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterato
 def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """An expression matches no name, or is malformed and matches no ROS 2 name, under all chosen implementations.
 
-    High in a deny rule, which then denies nothing. Decided by meaning, not by text. How each implementation reads a
-    malformed expression, and expressions that some take for names: see expression-malformed.
+    High in a deny rule, which then denies nothing. Decided by meaning, not by text. For expressions that some
+    implementations take for names, see expression-malformed.
     """
     yield from all_odd(
         use,
@@ -78,9 +78,9 @@ def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterato
 def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """An expression matches no ROS 2 endpoint: a prefix is missing, a / is too many, or it is for partitions alone.
 
-    High in a deny rule if the topic that was most likely meant is allowed. A grant without any ROS 2 expression
-    (ros_discovery_info is one) is for a plain DDS application, and no finding. If one enclave uses both, the tool
-    cannot know which names are meant for DDS.
+    High in a deny rule if the topic most likely meant is allowed. A grant without any ROS 2 expression
+    (ros_discovery_info is one) is for plain DDS, and no finding. If an enclave uses both, names meant for DDS cannot be
+    told.
     """
     yield from all_odd(
         use,
@@ -111,8 +111,8 @@ def grant_without_counterpart(use: PermissionsUse, context: Context) -> Iterator
     """A grant lets its enclave write a topic that no grant lets anybody read, or the reverse.
 
     Usually a misspelt name or a leftover right. Only names without wildcards are compared, and no partitions. Left out:
-    topics of every node (/rosout, /parameter_events, /clock), services and actions, which tools call too, and topics
-    without access control. A keystore of one enclave has its peers elsewhere, and so may others.
+    topics of every node (/rosout, /parameter_events, /clock), services, actions, and topics without access control. A
+    keystore of one enclave has its peers elsewhere, and so may others.
     """
     found = odd(use, context, AnomalyKind.NO_COUNTERPART)
     yield from folded(use, found, lambda _first, _more: _without_counterpart(found))
@@ -146,8 +146,8 @@ def _topics(names: Sequence[str]) -> str:
 def rules_not_compared(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """The document has too much in it to find all rules that never decide, overlap or change nothing.
 
-    What the rules allow is still decided exactly. Whether their author meant that was not fully checked. The audit is
-    incomplete if a high finding could be missing: if the document denies anything, or is a governance.
+    What the rules allow is still decided exactly. The audit is incomplete if a high finding could be missing: if the
+    document denies anything, or is a governance.
     """
     for anomaly in odd(use, context, AnomalyKind.NOT_WORKED_OUT):
         undecided = anomaly.serious and _denies(use)

@@ -46,7 +46,7 @@ _SAY_THE_ZONE: Final = decision(
 def undecided(doubt: Doubt) -> Iterator[Violation]:
     """Something that a robot might act on could not be read, and no other rule reports it at that place.
 
-    It counts as able to do and grant anything, so everything that it could affect is unknown.
+    It counts as able to do and grant anything: what it could affect is unknown.
     """
     yield Violation(
         f"{sentence(doubt.reason)}: it may {'be refused' if doubt.narrows else 'do or grant anything'}.",
@@ -166,9 +166,8 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
 
     In a mixed fleet it may also depend on whether two implementations complete a handshake with each other.
 
-    "Holds" and "violated" are reported only if they are true whatever the unread parts say. For a disagreement of the
-    engines, see engines-disagree. Properties that are undecided for one reason are one finding; each property that you
-    assert has its own.
+    "Holds" and "violated" are reported only if true whatever the unread parts say. Properties undecided for one reason
+    are one finding; each that you assert has its own. See also engines-disagree.
     """
     profiles = _undecided(result)
     if profiles is None:
@@ -328,8 +327,8 @@ def suppression_expired(file: FileOfUses) -> Iterator[Violation]:
 def suppression_unused(file: FileOfUses) -> Iterator[Violation]:
     """An entry accepts a finding that this audit does not make, or that has changed or become worse.
 
-    The finding was fixed, moved or renamed, or appears only under other options. Entries for rules that were left out
-    (--select, --ignore) are not checked. One finding for each file, with the lines.
+    The finding was fixed, moved or renamed, or appears only under other options. Entries for rules left out (--select,
+    --ignore) are not checked. One finding for each file, with the lines.
     """
     unused = [use for use in file.uses if use.fate is Fate.UNUSED]
     if unused:

@@ -64,9 +64,8 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
     """One key is both identity CA and permissions CA, as sros2 makes it.
 
     If the signer is not pinned, every identity under this CA can sign permissions for itself, and peers accept them
-    (measured with real processes). High if a chosen profile is such an implementation, since one old robot is enough;
-    else a note. Identities whose keyUsage or extendedKeyUsage forbids S/MIME are not exempted, since the CA can issue
-    others.
+    (measured with real processes). High if a chosen profile is such an implementation; else a note. No keyUsage or
+    extendedKeyUsage of identities helps, since the CA can issue others.
     """
     shared: dict[tuple[str, ...], tuple[CertificateFile, CertificateFile, list[Enclave]]] = {}
     for enclave in keystore.enclaves:
@@ -113,7 +112,7 @@ def unexpected_authority(keystore: Keystore, context: Context) -> Iterator[Viola
     fingerprint of certificate or key. If none is declared, the first certificate of the file in public/ is expected;
     without public/, whatever all enclaves share. Another certificate of the same key is the same authority, unless the
     certificate itself was declared. Medium if all are declared and enclaves have different ones, so that they refuse
-    each other. Keep separate keystores in separate directories.
+    each other.
     """
     for anchors in trusted(keystore, context.authorities):
         public, read = authority_files(keystore, anchors.role)

@@ -50,8 +50,8 @@ def default_allow(use: PermissionsUse, context: Context) -> Iterator[Violation]:
 def wildcard_grant(use: PermissionsUse) -> Iterator[Violation]:
     """An allow rule covers names by a pattern, and so names that nobody has thought of.
 
-    `*` crosses `/`. High if one pattern, or several together, cover every ROS 2 topic. Earlier deny rules may remove
-    some of the names; that is not weighed here. For a grant that allows everything, see allow-everything-permissions.
+    `*` crosses `/`. High if one pattern, or several together, cover every ROS 2 topic. Earlier deny rules are not
+    weighed. For a grant that allows everything, see allow-everything-permissions.
     """
     for grant in use.document.grants:
         for operation in Operation:
@@ -98,9 +98,8 @@ def _is_pattern(text: str) -> bool:
 def allow_everything_permissions(use: PermissionsUse) -> Iterator[Violation]:
     """The grant allows every topic and service in both directions, the default of `ros2 security create_enclave`.
 
-    Whoever takes over this enclave has the whole robot. Running create_enclave again replaces a policy by this default.
-    Judged by what the allow rules cover together; earlier deny rules are not weighed. Other rules do not repeat what
-    follows, such as access to every node's parameters.
+    Whoever takes over this enclave has the whole robot. Running create_enclave again restores this default. Judged by
+    what the allow rules cover together; earlier deny rules are not weighed. Other rules do not repeat what follows.
     """
     for grant in use.document.grants:
         if allows_everything(grant):

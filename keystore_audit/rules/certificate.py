@@ -105,8 +105,8 @@ _UNASKING: Final = doing("checks_permissions_ca", False)
 def certificate_unreadable(use: CertificateUse) -> Iterator[Violation]:
     """A certificate does not parse.
 
-    OpenSSL, which the implementations use, may still accept it: its owner, and whom it vouches for, are unknown. An
-    identity file whose first certificate can be read is not reported, since run times read no further.
+    OpenSSL, which the implementations use, may still accept it: its owner, and whom it vouches for, are unknown. Of an
+    identity file only the first certificate counts, since run times read no further.
     """
     if use.authority or not use.certificates.certificates:
         found = list(of_kinds(use.certificates.defects, Kind.CERTIFICATE_UNREADABLE))
@@ -131,12 +131,11 @@ def certificate_unreadable(use: CertificateUse) -> Iterator[Violation]:
 def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The file holds more than one certificate.
 
-    Run times read only the first certificate of an identity file, and ignore a chain in it. Of a CA file, Fast DDS
-    takes all certificates and revocation lists, Cyclone DDS the first certificate (measured): one file, two meanings.
-    Fast DDS also tells peers the name of its first permissions CA certificate, and refuses peers that tell another
-    (read in its source). So keep the order the same everywhere while you change an authority; claims of `able` count
-    that. A dump before a certificate, as sros2 writes it, is no finding. For authorities that nobody expects, see
-    unexpected-authority.
+    Run times read only the first certificate of an identity file. Of a CA file, Fast DDS takes all certificates and
+    revocation lists, Cyclone DDS the first certificate (measured). Fast DDS also tells peers the name of its first
+    permissions CA certificate, and refuses peers that tell another (read in its source). So keep the order the same
+    everywhere while you change an authority; claims of `able` count that. A dump before a certificate, as sros2 writes
+    it, is no finding. For authorities that nobody expects, see unexpected-authority.
     """
     certificates, lists = use.certificates.certificates, use.certificates.revocation_lists
     differ = facts.CERTIFICATES_OF_A_FILE if use.authority else "run times read the first certificate and no further"
@@ -196,7 +195,7 @@ def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Viola
 def certificate_not_yet_valid(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The certificate is before its notBefore, and refused like an expired one.
 
-    A robot without a battery behind its clock may start at a date before every certificate; that cannot be seen here.
+    A robot whose clock has no battery may start before every certificate; that cannot be seen here.
     """
     for certificate in use.in_use:
         if certificate.not_before > context.at:
@@ -284,8 +283,8 @@ def weak_key(use: CertificateUse) -> Iterator[Violation]:
 def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The identity's key is strong enough, but of a kind that the specification does not name.
 
-    Cyclone DDS accepts RSA with 2,048 bits and any curve of 256 bits, and refuses the rest; Fast DDS starts (measured).
-    High if a chosen Cyclone DDS profile refuses the enclave.
+    Cyclone DDS accepts only RSA 2048 and curves of 256 bits; Fast DDS starts (measured). High if a chosen Cyclone DDS
+    profile refuses the enclave.
     """
     for certificate in use.in_use[:1]:
         kind = certificate.key_kind
@@ -312,7 +311,7 @@ def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[
 def weak_signature_algorithm(use: CertificateUse) -> Iterator[Violation]:
     """The certificate is signed over SHA-1 or MD5, for which two contents with one digest have been made.
 
-    Nothing depends on an authority's signature over itself, but whatever made it signs the rest alike. Fast DDS accepts
+    An authority's signature over itself protects nothing, but its maker signs the rest alike. Fast DDS accepts
     sha1WithRSAEncryption, Cyclone DDS any digest (measured).
     """
     for certificate in use.in_use:

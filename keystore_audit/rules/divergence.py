@@ -181,9 +181,9 @@ def _without_a_domain(context: Context) -> Iterator[str]:
 def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A rule is for some of the governed domains, and Fast DDS applies it in all of them to its own endpoints.
 
-    There, an allow rule gives too much and a deny rule takes too much away. Peers check the domain, so no honest peer
-    matches an endpoint that is allowed in excess. A peer that attacks does: it reads the samples, and what it writes is
-    accepted. What is denied in excess does not work.
+    There, an allow rule gives too much and a deny rule takes too much away. Peers check the domain: no honest one
+    matches what is allowed in excess, but one that attacks reads the samples, and its samples are accepted. What is
+    denied in excess does not work.
     """
     wide = [divergence for found in _unspoken(context, Cause.RULE_DOMAINS) for divergence in found]
     if wide:  # all in one: it is most often the governance that is wider than every grant
@@ -261,8 +261,8 @@ def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vio
 
     Fast DDS reads every date in the standard time of the robot's zone, and refuses a document with 24:00. Cyclone DDS
     takes a date that it cannot read for long past, zones beyond 12 hours and years beyond 2262 included. A grant that
-    should begin then has begun; one that should end then has expired. Without --time-zone, whatever depends on the zone
-    is unknown, and not reported here.
+    should begin then has begun; one that should end then has expired. Without --time-zone, what depends on the zone is
+    unknown, and not reported here.
     """
     yield from said(context, Cause.DATE, "A date of a grant is read differently")
 
@@ -276,8 +276,8 @@ def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vio
 def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A range of domains with one bound holds less under an implementation, and somebody may do more by it.
 
-    Then a deny rule does not hold in all domains, or a domain rule does not protect. How implementations read such a
-    range, see domain-range-open and rule-domain-range-open.
+    A deny rule does not hold in all domains, or a domain rule does not protect. See also domain-range-open and
+    rule-domain-range-open.
     """
     for found in _of(context, Cause.RANGE):
         if lax := [divergence for divergence in found if divergence.escalates]:
@@ -293,7 +293,7 @@ def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation
 def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Several rules of the governance match a topic, and on OpenDDS one of them without access control is enough.
 
-    One in a later domain rule is enough, too, for the topic to exist. Elsewhere the first match decides. Judged only if
+    For the topic to exist, one in a later domain rule is enough, too. Elsewhere the first match decides. Judged only if
     opendds is among the chosen profiles; not measured.
     """
     yield from said(context, Cause.ANY_GOVERNANCE_RULE)

@@ -56,9 +56,8 @@ def _more(count: int) -> str:
 def policy_right_not_granted(drift: Drift) -> Iterator[Violation]:
     """The policy gives an enclave a right that its permissions do not.
 
-    Under Enforce, a node that needs the right fails at start, or when it uses the name. Compared by meaning over all
-    names, in the domains that governance and grant share (or `--domain`). Whether a node ever uses the name cannot be
-    known.
+    Under Enforce, a node that needs the right fails at start, or when it uses the name. Compared by meaning, in the
+    domains that governance and grant share (or `--domain`).
     """
     for found in drift.enclaves:
         for rights in _alike(found.lacking.rights):
@@ -110,8 +109,7 @@ def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]
 def right_beyond_policy(drift: Drift) -> Iterator[Violation]:
     """Signed permissions give an enclave a right that the policy does not.
 
-    The enclave can do more than was reviewed. Its own permissions are compared, and every other document of the
-    keystore that names it and that a peer may accept. It can present any of them.
+    Compared are its own permissions and every other document of the keystore that it can present to a peer.
     """
     for (enclave, own), found in grouped(drift.enclaves, lambda each: (each.enclave, each.own)).items():
         left = sum(each.exceeding.more for each in found)
@@ -151,8 +149,8 @@ def _exceeding(rights: Iterable[DriftedRight]) -> Iterable[str]:
 def policy_profiles_lost(drift: Drift) -> Iterator[Violation]:
     """The policy has several <profiles> for an enclave, and only the first counts.
 
-    `ros2 security` makes a grant of each, all with one subject, and implementations use the first in force. Of several
-    <enclave> elements with one path it translates only the first. The nodes of the others have no rights.
+    `ros2 security` makes a grant of each, with one subject, and implementations use the first in force. Of several
+    <enclave> elements with one path it translates only the first. The others' nodes have no rights.
     """
     for enclave, lost in grouped(drift.lost, lambda profiles: profiles.enclave).items():
         nodes = listed(dict.fromkeys(node.name for profiles in lost for node in profiles.nodes))
@@ -231,7 +229,7 @@ def drift_undecided(drift: Drift) -> Iterator[Violation]:
     "KA646",
     Severity.INFO,
     f"ROS 2 design, SROS2 access control policies; {facts.OWN_ACCESS_CONTROL}",
-    decision(f"If a DDS implementation runs, create permissions: {CREATE_PERMISSION}. {facts.AUDIT_ITS_CONFIGURATION}"),
+    decision(f"Create permissions if a DDS implementation runs: {CREATE_PERMISSION}. {facts.AUDIT_ITS_CONFIGURATION}"),
     of=_drift,
 )
 def policy_not_enforced_by_permissions(drift: Drift) -> Iterator[Violation]:

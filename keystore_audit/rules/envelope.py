@@ -50,8 +50,8 @@ def not_smime(use: SignedUse) -> Iterator[Violation]:
 def malformed_smime(use: SignedUse) -> Iterator[Violation]:
     """The message can be parsed in more than one way, or not as the standard demands.
 
-    OpenSSL, which all measured implementations use, accepts some such messages. Which part a robot reads is not guessed
-    here, so the meaning is unknown.
+    OpenSSL, which all measured implementations use, accepts some of these. The meaning is unknown, since it is not
+    guessed.
     """
     yield from _has(use, "what a robot reads in it is unknown.", Kind.MIME_MALFORMED, opens=True)
 
@@ -66,8 +66,7 @@ def malformed_smime(use: SignedUse) -> Iterator[Violation]:
 def cms_not_strict(use: SignedUse) -> Iterator[Violation]:
     """The signature is not strict DER, or not the structure that RFC 5652 describes.
 
-    OpenSSL accepts BER, and bytes behind the end. What two parsers may read differently is not interpreted here, so the
-    meaning is unknown.
+    OpenSSL accepts BER, and bytes behind the end. The meaning is unknown, since parsers may differ.
     """
     says = "it is not interpreted here, since parsers may read it differently."
     yield from _has(use, says, Kind.CMS_NOT_DER, Kind.CMS_MALFORMED, opens=True)
@@ -131,8 +130,8 @@ def weak_digest(use: SignedUse) -> Iterator[Violation]:
 def several_signers(use: SignedUse) -> Iterator[Violation]:
     """The document has several signers.
 
-    Every one of them has to be a permissions CA. Fast DDS knows all certificates of the CA file. Cyclone DDS knows the
-    first one, and refuses what a second one signed too (measured).
+    Each has to be a permissions CA. Fast DDS knows all certificates of the CA file, Cyclone DDS only the first
+    (measured).
     """
     yield from _has(use, facts.TWO_SIGNERS, Kind.SEVERAL_SIGNERS)
 

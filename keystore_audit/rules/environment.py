@@ -78,8 +78,8 @@ def security_not_enforced(environment: Environment) -> Iterator[Violation]:
 def override_names_no_enclave(environment: Environment, context: Context) -> Iterator[Violation]:
     """The enclave that every process is to use is not in the keystore; names are compared letter by letter.
 
-    Under Enforce nothing starts; otherwise everything starts unsecured. rcl does not check the name: with `..` it
-    leaves the keystore.
+    Under Enforce nothing starts; otherwise everything starts unsecured. rcl does not check it: `..` leaves the
+    keystore.
     """
     name = environment.value(OVERRIDE)
     known = [enclave.path for enclave in context.keystore.enclaves]
@@ -140,7 +140,7 @@ def no_keystore_named(environment: Environment) -> Iterator[Violation]:
 def domain_id_invalid(environment: Environment) -> Iterator[Violation]:
     """ROS_DOMAIN_ID is no domain: no process starts.
 
-    Rights are then worked out for every governed domain, as without the variable.
+    Rights are worked out for every governed domain instead.
     """
     if environment.domain is None:
         value = quoted(environment.value(DOMAIN))
@@ -183,7 +183,7 @@ def distribution_not_modelled(environment: Environment, context: Context) -> Ite
     """The distribution's releases of DDS implementations are not known here.
 
     Every variant of the middleware is judged instead, including old ones that accept permissions which an enclave
-    signed itself. Whether the robot runs one of them stays open, unless profiles are chosen.
+    signed itself. The audit is incomplete unless profiles are chosen.
     """
     name = environment.value(DISTRIBUTION)
     if name and name not in DISTRIBUTIONS:

@@ -124,8 +124,7 @@ def file_name(file: File) -> str:
 def required_file_missing(enclave: Enclave) -> Iterator[Violation]:
     """A file that every run time needs is missing.
 
-    Under Enforce the enclave's nodes do not start; under any other strategy they start without security. The check
-    cannot know the robot's strategy.
+    Under Enforce the enclave's nodes do not start; under any other strategy they start without security.
     """
     for file in in_state(_required(enclave), Status.MISSING, Status.DIRECTORY):
         got = "a directory" if file.status is Status.DIRECTORY else "nothing"
@@ -144,7 +143,7 @@ def required_file_missing(enclave: Enclave) -> Iterator[Violation]:
 def dangling_link(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is a link that leads nowhere: its target is missing, or the links go in a circle.
 
-    Usually a part of a keystore was copied. A revocation list behind such a link revokes nothing, and nobody is told.
+    A revocation list behind such a link revokes nothing, and nobody is told.
     """
     for file in in_state(_required(enclave), Status.DANGLING, Status.LOOP):
         message = f"{enclave.path} cannot start: {file_name(file)} is a link that leads nowhere ({file.detail})."
@@ -166,10 +165,10 @@ def foreign_file(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The keystore holds files or directories that neither sros2 nor the DDS-Security plugins know by place and name.
 
     No run time needs them, and whoever has the robot has them. They are read as OpenSSL reads files, whatever their
-    names: documents, certificates and keys in them count (KA660, KA663, KA668, KA118). A file that was not read may
-    hold others: it is too large, not readable, no text, or base64 that nobody decodes. Verdicts then assume that it
-    does not, and no statement passes. Patterns in settings remove files from this finding, never from the reading. High
-    in a tree that goes on a robot (--deployed).
+    names: documents, certificates and keys in them count (KA660, KA663, KA668, KA118). What was not read may hold
+    others: too large, not readable, no text, or base64 that nobody decodes. Verdicts assume that it does not, and no
+    statement passes. Patterns in settings remove files from this finding, never from the reading. High on a robot
+    (--deployed).
     """
     declared = keystore.declared
     found = [
@@ -213,16 +212,16 @@ def _written_by_others(file: File) -> bool:
 def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Users other than the owner may write CA certificates, files of enclaves, or folders on the way to them.
 
-    Whoever replaces both CA certificates can impersonate anyone. Nobody can change signed files unseen, but an older
-    one can be put back: one step less severe. Whoever can write cert.p11 or key.p11 can make the enclave use something
-    else on its token: also one step less. High in a tree that goes on a robot (--deployed), else medium, as in the
-    checkout of a pipeline. CA certificates, folders, signed files and token addresses are a finding each.
+    Whoever replaces both CA certificates can impersonate anyone. An older signed file can be put back, and a changed
+    cert.p11 or key.p11 names something else on the token: one step less severe. High on a robot (--deployed), else
+    medium, as in the checkout of a pipeline. CA certificates, folders, signed files and token addresses are a finding
+    each.
 
-    A file's group counts unless it is the owner's own, which it is if the two have one number (0664 is usual there). A
-    group with another number counts even if its user is alone in it, which no keystore can know. In a sticky folder
-    others can add files but replace none, so it counts only if it is an enclave's. There they can add a crl.pem, or a
-    `.p11`, which Fast DDS reads before the `.pem`. Not checked: group members, owners, access control lists, and
-    folders above the keystore.
+    A file's group counts unless it is the owner's own: then the two have one number (0664 is usual there). A group with
+    another number counts even if its user is alone in it, which no keystore can know. In a sticky folder others can add
+    files but replace none, so it counts only if it is an enclave's. There they can add a crl.pem, or a `.p11`, which
+    Fast DDS reads before the `.pem`. Not checked: group members, owners, access control lists, and folders above the
+    keystore.
     """
     enclaves = keystore.layout.enclaves
     authorities = {
@@ -276,8 +275,7 @@ def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Se
 def enclave_does_not_start(refusal: Refusal) -> Iterator[Violation]:
     """An implementation creates no participant for the enclave, and no finding of high severity says why.
 
-    The last check: a robot that stands still is no pass, even if other rules call the reason medium or do not know it.
-    The reasons are those of the report's table of enclaves.
+    Such a robot is no pass, even if other rules call the reason medium. The report's table of enclaves has the reasons.
     """
     for reasons, names in refusal.profiles.items():
         who = implementations(VARIANTS[name] for name in names)

@@ -103,8 +103,8 @@ _decided(
     Severity.HIGH,
     """Every enclave's identity is vouched for by its identity CA, in force at the audit instant and not revoked.
 
-    Peers refuse the handshake of an enclave without such an identity; it may be there to find peers that do not. One
-    step from a certificate of the CA file is enough, as each of them is a trust anchor.
+    Peers refuse the handshake of an enclave without such an identity. Each certificate of the CA file is a trust
+    anchor.
     """,
     issue_again("Use the identity CA that the enclaves carry."),
 )
@@ -114,8 +114,7 @@ _decided(
     Severity.CRITICAL,
     """Every governance and permissions document is signed by the permissions CA itself, in force at the audit instant.
 
-    Whoever else signed a document decides what it says, wherever it is accepted. Who held the authority's key when it
-    signed cannot be known.
+    Whoever else signed a document decides what it says, wherever it is accepted.
     """,
     sign_again("Find out who signed it."),
 )
@@ -136,8 +135,8 @@ _decided(
     Severity.HIGH,
     """No enclave can sign a permissions document that its peers accept.
 
-    Such an enclave can do anything. Whether an implementation pins the signer was measured with documents signed by a
-    leaf; the profiles say for which it was only read.
+    Such an enclave can do anything. The profiles say for which implementations this was measured, and for which only
+    read.
     """,
     decision("Use separate authorities for identities and permissions, and implementations that pin the signer."),
 )
@@ -147,8 +146,8 @@ _decided(
     Severity.MEDIUM,
     """No key serves as identity CA and as permissions CA.
 
-    Otherwise only an implementation that pins the signer keeps identity and rights apart. Medium, since sros2 makes
-    keystores so; where it is worse, no-enclave-grants-itself-rights says so.
+    Otherwise only an implementation that pins the signer keeps identity and rights apart. Medium, as in sros2's
+    keystores; where it is worse, see no-enclave-grants-itself-rights.
     """,
     SEPARATE,
 )
@@ -200,9 +199,9 @@ _decided(
     Severity.HIGH,
     """No reader takes a recorded sample for a new one.
 
-    A payload may be protected on its own. If neither its submessage nor the message is authenticated, anybody can
-    change the sequence number, and an old command is accepted again. An outsider can then also forge HEARTBEAT, GAP and
-    ACKNACK, which stops readers. Derived from what each kind covers; not attacked on the wire here.
+    If neither submessage nor message is authenticated, anybody can change the sequence number, even of a protected
+    payload: an old command is accepted again. Outsiders can also forge HEARTBEAT, GAP and ACKNACK, which stops readers.
+    Derived from what each kind covers; not attacked on the wire here.
     """,
     in_governance("Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT"),
 )
@@ -232,9 +231,8 @@ _decided(
     Severity.HIGH,
     """No enclave can publish a topic, so that peers accept it, for which the permissions CA gave it no right.
 
-    Counted is whatever peers accept, also by documents for others that the enclave presents, and forging with the keys
-    that it holds. For forging by a granted reader, see readers-cannot-forge. What nodes would do is not asked: every
-    enclave may be in an attacker's hands.
+    Counted is whatever peers accept, by any document that the enclave presents, and forging with its keys. For forging
+    by a granted reader, see readers-cannot-forge. Every enclave may be in an attacker's hands, whatever its nodes do.
     """,
     in_governance("Set enable_write_ and enable_read_access_control to true and protect the topic's metadata"),
 )
@@ -260,8 +258,8 @@ _decided(
     either, and the enclave that forges must not read the topic.
     """,
     in_governance(
-        "If readers must not pass for the writer, set the topic's metadata_protection_kind to SIGN_ or "
-        "ENCRYPT_WITH_ORIGIN_AUTHENTICATION"
+        "Set the topic's metadata_protection_kind to SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION if readers must not "
+        "pass for the writer"
     ),
 )
 _decided(
@@ -281,9 +279,8 @@ _decided(
     Severity.MEDIUM,
     """No enclave can read in one domain and write in another.
 
-    Domains separate only what nobody carries over. Enclaves with one key count as one, since each can act as the
-    others. Domains that no document tells apart count as one here; for a rule that covers all of them, see
-    rule-domain-range-open.
+    Domains separate only what nobody carries over. Enclaves with one key count as one. So do domains that no document
+    tells apart; for a rule that covers all of them, see rule-domain-range-open.
     """,
     decision("Let each enclave's rules cover one domain, and make a separate enclave for an intended bridge."),
 )
@@ -301,7 +298,7 @@ _decided(
 def asserted_property_violated(result: AssertedResult) -> Iterator[Violation]:
     """A property that the settings assert is violated, with the shortest way found.
 
-    The severity is the one set there, else high. Flows are explicit flows over topics, whatever the nodes do; timing,
+    The severity is the one set there, else high. Flows are explicit flows over topics, whatever nodes do; timing,
     acknowledgements and matching are left out.
     """
     yield from _asserted(result, partial(_told, result))
@@ -339,8 +336,8 @@ def _told(result: UserResult, example: str) -> str:
 def label_flow_violated(result: LabelResult) -> Iterator[Violation]:
     """What has one label can reach what has another, though the lattice of the settings forbids it.
 
-    One finding for each pair of labels, with the shortest way; others between the same labels may remain. The severity
-    is the one set in the lattice, else high (Denning, A lattice model of secure information flow).
+    One finding for each pair of labels, with the shortest way. The severity is the one set in the lattice, else high
+    (Denning, A lattice model of secure information flow).
     """
     flow = f"What is labelled {quoted(result.source)} can reach what is labelled {quoted(result.target)}"
     yield from _asserted(result, lambda example: f"{flow}: {example}" if example else f"{flow}.", "the lattice")

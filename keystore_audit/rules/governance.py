@@ -137,8 +137,8 @@ def governance_schema_invalid(use: GovernanceUse, context: Context) -> Iterator[
     """The document breaks the governance schema of DDS-Security.
 
     Fast DDS refuses unknown, missing and reordered elements. Cyclone DDS accepts any order, and reads an empty boolean
-    as false (measured). Verdicts follow what each one reads; medium if all read it. If an implementation in scope was
-    not measured, the meaning is unknown, unless nobody accepts the signature.
+    as false (measured). Verdicts follow what each one reads; medium if all read it. If one in scope was not measured,
+    the meaning is unknown, unless nobody accepts the signature.
     """
     yield from out_of_form(use, context, Kind.SCHEMA_INVALID)
 
@@ -153,9 +153,9 @@ def governance_schema_invalid(use: GovernanceUse, context: Context) -> Iterator[
 def governance_ambiguous(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
-    Fast DDS, Cyclone DDS and libxml2 read comments and blanks in values differently (measured): one signed file has
-    several meanings. Verdicts follow what each one reads; medium if all read it. How a robot reads CDATA, entities and
-    other encodings is not guessed. Nor is it for a document that is too large to be read here (docs/security-model.md).
+    Fast DDS, Cyclone DDS and libxml2 read comments and blanks in values differently (measured). Verdicts follow what
+    each one reads; medium if all read it. How a robot reads CDATA, entities and other encodings, or a document above
+    our limits (docs/security-model.md), is unknown.
     """
     yield from out_of_form(use, context, *AMBIGUOUS)
     remedy = in_governance("Write fewer rules, and fewer expressions with wildcards")
@@ -178,7 +178,7 @@ def unauthenticated_participants_allowed(use: GovernanceUse) -> Iterator[Violati
     """A participant without any certificate is matched in the domain.
 
     On Cyclone DDS such a peer reads and writes even topics under access control, if every protection kind is NONE
-    (measured). What else it reaches depends on the implementation.
+    (measured). What else it reaches differs.
     """
     for domain_rule, violation in in_domains(use):
         if domain_rule.allow_unauthenticated_participants:
@@ -200,7 +200,7 @@ def unauthenticated_participants_allowed(use: GovernanceUse) -> Iterator[Violati
 def join_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
     """Peers let every authenticated participant join, whatever its permissions.
 
-    Fast DDS still demands an allow rule of its own participant (measured); what counts are its peers.
+    Fast DDS still checks its own participant (measured); what counts are its peers.
     """
     for domain_rule, violation in in_domains(use):
         if not domain_rule.enable_join_access_control:
@@ -221,8 +221,8 @@ def join_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
 def read_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
     """Every participant that joined can read the topics: nobody checks subscribe permissions.
 
-    Readers get the keys that check samples, and with symmetric keys whoever checks can make. So write access control is
-    void as well, unless a kind authenticates the origin.
+    Readers' keys are symmetric and also make samples, so write access control is void too, unless a kind authenticates
+    the origin.
     """
     for _domain_rule, topic_rule, violation in in_topics(use):
         if not topic_rule.enable_read_access_control:
@@ -262,7 +262,7 @@ def governances_differ(keystore: Keystore, context: Context) -> Iterator[Violati
 
     Endpoints with different protection kinds or access control flags never match, and nobody is told (measured). An
     attacker's endpoint declares what it likes, so the difference protects nothing. Documents are compared by meaning;
-    those that could not be read, by their bytes.
+    unreadable ones by bytes.
     """
     said: dict[object, list[tuple[Enclave, GovernanceFile]]] = {}
     for enclave in keystore.enclaves:
@@ -300,7 +300,7 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
 
     Fast DDS and Cyclone DDS refuse them. OpenDDS goes on to the permissions, and then finds no protection for their
     endpoints (read in its source). Without ros_discovery_info, DDS creates a participant, ROS 2 gives it up, and
-    nothing runs. If implementations read the expressions differently, each reading has its own finding.
+    nothing runs. Each different reading has its own finding.
     """
     for topics in context.meaning.ungoverned:
         if topics.location.path == use.signed.file.place:
@@ -333,7 +333,7 @@ def dds_security_1_0_document(use: DocumentUse) -> Iterator[Violation]:
 
     A governance of that form lacks what 1.1 demands, so today's implementations refuse it. Permissions have publish,
     subscribe and relay in another order, which people may also write today. They are medium: Fast DDS 2.9.1 and Cyclone
-    DDS 0.10.2 read them as meant (measured). Both are read here in their own terms.
+    DDS 0.10.2 read them as meant (measured). This audit reads both in their own terms.
     """
     found = of_kinds(use.document.defects, Kind.DDS_SECURITY_1_0)
     if isinstance(use.document, GovernanceFile):

@@ -118,8 +118,8 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
 def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A grant means an identity, but some implementations do not find it: the enclave has no rights there.
 
-    Order, blanks, quotes, escapes, characters beyond ASCII and repeated attributes are read differently. High if a
-    chosen profile does not find it, else low.
+    Order, blanks, quotes, escapes, non-ASCII characters and repeated attributes differ. High if a chosen profile does
+    not find it, else low.
     """
     enclaves = _identities(keystore)
     for grant, use, certificate, _naming, own in _named(keystore, context.at):
@@ -177,7 +177,7 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The enclave's grant is past its not_after: the enclave cannot start, and peers refuse it.
 
     Dates without a zone are read as UTC. Fast DDS reads every date in the machine's zone (measured), which shifts it by
-    up to 14 hours. Running sessions go on if the implementation has no timer for them.
+    up to 14 hours. Running sessions may go on.
     """
     for grant, start, end in _dated(use):
         if start <= end < context.at:
@@ -196,7 +196,7 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
 def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The enclave's grant is before its not_before: the enclave cannot start, and peers refuse it.
 
-    A robot without a battery behind its clock may start before every not_before; that cannot be seen here.
+    A robot whose clock has no battery may start before every not_before; that cannot be seen here.
     """
     for grant, start, end in _dated(use):
         if context.at < start <= end:
@@ -324,8 +324,8 @@ def permissions_too_large(use: PermissionsUse, context: Context) -> Iterator[Vio
     """Certificate and permissions do not fit in a handshake message: on Fast DDS the enclave talks to nobody.
 
     High under Fast DDS 2.9, whose process ends when it answers a peer's handshake (measured). If it asks first, it only
-    logs an error. Other versions of Fast DDS were not measured. Cyclone DDS sends them in parts (measured). How much
-    fits depends on the kind of key: 63,000 octets with all, 63,700 with none.
+    logs an error. Not measured on other Fast DDS versions; Cyclone DDS sends them in parts (measured). How much fits
+    depends on the kind of key: 63,000 octets with all, 63,700 with none.
     """
     for enclave in use.enclaves:
         octets = sent(enclave)

@@ -48,7 +48,7 @@ def _carriers(use: CertificateUse) -> Iterator[tuple[Enclave, Certificate]]:
 def certificate_outlives_its_ca(use: CertificateUse) -> Iterator[Violation]:
     """The identity ends later than the authority that issued it, so it is worthless in its last days.
 
-    sros2 makes identities so, since it makes the authority some seconds before the enclave.
+    In sros2's keystores it is so, by the seconds between the making of authority and enclave.
     """
     for enclave, certificate in _carriers(use):
         authorities = enclave.trusts(Role.IDENTITY_CA)
@@ -79,7 +79,7 @@ def not_issued_by_identity_ca(use: CertificateUse) -> Iterator[Violation]:
     """No certificate of the enclave's identity CA file issued its identity, so peers refuse it.
 
     Names prove nothing: sros2 calls every authority CN=sros2CA. The signature is verified with the authority's key. If
-    the library cannot verify a signature, the question stays open.
+    that is impossible here, it stays open.
     """
     for enclave, certificate in _carriers(use):
         file = enclave.identity_ca
@@ -120,9 +120,9 @@ def not_issued_by_identity_ca(use: CertificateUse) -> Iterator[Violation]:
 def identity_refused_by_implementations(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """A certificate of the identity CA file issued the identity, but some implementations find no chain.
 
-    Cyclone DDS and OpenDDS read only the first certificate of the file. Fast DDS reads all, and wants a chain that ends
-    at a self-signed one, within the path lengths. Of two authorities with one name, OpenSSL tries only the first. High
-    if a chosen profile refuses, else medium.
+    Cyclone DDS and OpenDDS read only the first certificate of the file. Fast DDS reads all, and wants a chain to a
+    self-signed one, within the path lengths. Of two authorities with one name, OpenSSL tries only the first. High if a
+    chosen profile refuses, else medium.
     """
     for enclave, certificate in _carriers(use):
         file = enclave.identity_ca
@@ -201,9 +201,9 @@ def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tup
 def identity_is_authority(use: CertificateUse) -> Iterator[Violation]:
     """The identity certificate says CA:TRUE, so the enclave may issue certificates as its identity CA does.
 
-    Fast DDS 2.9.1 and Cyclone DDS 0.10.2 refuse identities that the enclave issued (measured): peers see one
-    certificate, and know only the identity CA's. They accept them once a CA file holds the enclave's certificate, or a
-    peer is shown a chain. No certificate from sros2 is so.
+    Fast DDS 2.9.1 and Cyclone DDS 0.10.2 refuse identities that the enclave issued (measured): peers know only the
+    identity CA's certificate. They accept them once a CA file holds the enclave's certificate, or a peer is shown a
+    chain. sros2 makes none.
     """
     for enclave, certificate in _carriers(use):
         if certificate.is_ca:
@@ -228,8 +228,8 @@ def identity_is_authority(use: CertificateUse) -> Iterator[Violation]:
 def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The identity's common name is not the enclave's path, as sros2 writes it.
 
-    It works, since run times compare only the subject with the grant. But whoever reads grants and logs looks for an
-    enclave that does not exist. If grants name only somebody else, see no-grant-for-certificate.
+    It works, since run times compare only the subject with the grant. But readers of grants and logs look for another
+    enclave. If grants name only somebody else, see no-grant-for-certificate.
     """
     for enclave, certificate in _carriers(use):
         named = {grant.subject_name.text for grant in enclave.grants} or {certificate.subject}
@@ -266,8 +266,8 @@ def _shared_key(key: str, sharing: Sequence[Enclave]) -> str:
 def identity_shared_by_enclaves(keystore: Keystore) -> Iterator[Violation]:
     """Enclaves share one identity key: whoever takes over one of them can act as all of them.
 
-    The public keys of certificates and private keys are compared, whatever their names. If only the key file is another
-    enclave's, the identities differ, and the property no-identity-serves-two-enclaves holds.
+    The public keys of certificates and private keys are compared, whatever their names. If only the key file is
+    another's, the property no-identity-serves-two-enclaves holds.
     """
     holders: dict[str, dict[str, tuple[Enclave, list[Location]]]] = {}
     for enclave in keystore.enclaves:
@@ -328,9 +328,9 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
 
     A second certificate in cert.pem, in a CA file or in a message has no effect there. Whoever has the key can use it
     (measured on Cyclone DDS and Fast DDS): as another identity, with its subject's grants, or as a signer. If an
-    enclave's identity CA vouches for it, flows and properties count it among the participants. For certificates in
-    other files, if the private key can be read, see KA668. What was certified elsewhere is not seen. The places include
-    grants that name a further certificate which peers accept.
+    enclave's identity CA vouches for it, flows and properties count it. For certificates in other files, if the private
+    key can be read, see KA668. Certificates outside the keystore are not seen. The places include grants for a second
+    certificate that peers accept.
     """
     joining = {identity.certificate.sha256 for identity in unmanaged_identities(keystore, context.at)}
     again = list(certified_again(keystore))

@@ -39,7 +39,7 @@ _BRING_IN: Final = decision(
 def link_leaves_keystore(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is a link out of the keystore.
 
-    Its target is not part of the audit and was not read. A robot reads it, so the enclave may be able to do anything.
+    The target was not read, but a robot reads it: the enclave may be able to do anything.
     """
     for file in in_state(enclave.files.for_run_time, Status.OUTSIDE):
         remedy = LINK_AGAIN if is_linked(enclave, file) else None
@@ -55,10 +55,9 @@ def link_leaves_keystore(enclave: Enclave) -> Iterator[Violation]:
 def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A link to a file of the keystore is an absolute path, or leads out of the keystore and back.
 
-    A link that other links lead over counts too, as all enclaves' links lead over enclaves/governance.p7s. It works
-    only while the keystore stays in this place. In a copy, as on a robot, it leads nowhere, so the enclave does not
-    start, or to a file that was not audited. High in a tree that goes on a robot (--deployed). If this is the robot and
-    the keystore is in its place, nothing is wrong; that cannot be seen.
+    It works only while the keystore stays in this place. In a copy, as on a robot, it leads nowhere, so the enclave
+    does not start, or to a file that was not audited. High on a robot (--deployed). If this is the robot and the
+    keystore is in its place, nothing is wrong; that cannot be seen.
     """
     own = {file.path: (file, enclave) for enclave in keystore.enclaves for file in enclave.files.for_run_time}
     shared = {file.path: (file, None) for file in keystore.layout.authorities}
@@ -89,9 +88,9 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
 def directory_link_not_followed(keystore: Keystore) -> Iterator[Violation]:
     """A link at a place where enclaves may be leads out of the keystore.
 
-    A robot follows it, but this audit does not. It is taken for a link to a directory, unless a run time reads it as a
-    file of an enclave. Links to directories of the keystore, and into those that `--root` names, are followed as a
-    robot does. Two paths to one folder are two enclaves of one identity, unless settings call one an alias.
+    A robot follows it, but this audit does not. It counts as a link to a directory, unless a run time reads it as a
+    file of an enclave. Links within the keystore, or into what `--root` names, are followed. Two paths to one folder
+    are two enclaves of one identity, unless settings call one an alias.
     """
     for file in keystore.layout.directory_links:
         yield Violation(
@@ -201,8 +200,8 @@ def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Vi
 def unsigned_document_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """governance.xml or permissions.xml, from which the signed documents are made, lies in the tree.
 
-    A note where keystores are made, low in a tree that goes on a robot (--deployed). No run time reads them there.
-    Whoever reviews them may see something other than what is signed (KA110).
+    A note where keystores are made, low on a robot (--deployed). No run time reads them, and they may differ from what
+    is signed (KA110).
     """
     own = (file for enclave in keystore.enclaves for file in enclave.files.unsigned.values())
     found = sorted({file.place for file in (*own, keystore.layout.unsigned_governance) if file is not None})

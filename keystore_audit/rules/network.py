@@ -40,8 +40,8 @@ def _ends(process: Process) -> tuple[Endpoint, ...]:
 def link_without_mutual_authentication(process: Process) -> Iterator[Violation]:
     """A process accepts TLS links from anybody, with any certificate or none.
 
-    Nobody has to prove an identity, so no rule about a certificate's name applies to such a link. What anybody may do,
-    the whole network may do. The fragment of an endpoint wins over the section (measured).
+    Rules for certificate names do not apply to such a link: what anybody may do, the whole network may do. The fragment
+    of an endpoint wins over the section (measured).
     """
     open_ends = [end for end in process.says.listens if end.protocol in SECURED and not process.says.mutual(end)]
     if open_ends and process.says.starts:
@@ -95,9 +95,8 @@ def multicast_link(process: Process) -> Iterator[Violation]:
 def plain_link_to_whom_announces(process: Process) -> Iterator[Violation]:
     """A peer with TLS connects without TLS to whoever announces a plain address to it (measured).
 
-    Peers connect to all that they hear of. Gossip tells them of whoever has a link to the router. Multicast tells them
-    of anybody on the network: critical. Over such a link nobody has an identity. A separate setting says which
-    protocols may be used.
+    Gossip tells peers of whoever has a link to the router, multicast of anybody on the network: critical. Over such a
+    link nobody has an identity.
     """
     says = process.says
     if says.starts and says.seeks and says.plain and any(end.protocol in SECURED for end in _ends(process)):
@@ -120,10 +119,9 @@ def plain_link_to_whom_announces(process: Process) -> Iterator[Violation]:
 def router_not_verified(process: Process, context: Context) -> Iterator[Violation]:
     """A process does not check whom it reached: each enclave can play the router, or any other listener.
 
-    So can the holder of any certificate from a public authority, since those are always trusted beside the keystore's
-    CA. Low if the process denies by default and its rules go only by names: whoever answers then has the rights of its
-    own name (measured). It can still withhold others' data. sros2's certificates have no alternative name: with the
-    check there is no link, medium.
+    So can the holder of any public authority's certificate, since those are always trusted, too. Low if the process
+    denies by default and its rules go only by names: whoever answers has its own rights (measured), but can withhold
+    data. Certificates from sros2 have no alternative name: with the check there is no link, medium.
     """
     secured = [end for end in _ends(process) if end in process.says.connects and end.protocol in SECURED]
     unchecked = [end for end in secured if process.says.tls(end, "verify_name_on_connect")[0] is False]
@@ -236,7 +234,7 @@ def certificate_of_no_use(process: Process, context: Context) -> Iterator[Violat
     """A file names a certificate that is not in the keystore, or that makes no link.
 
     Keys of P-256, P-384, Ed25519 and RSA with 2048 bits work; P-521 and RSA with 1024 do not. An extended key usage has
-    to name both client and server (all measured). The owner of a certificate that is not here is unknown.
+    to name both client and server (all measured).
     """
     network = context.network
     for name in CERTIFICATES if network is not None else ():
@@ -295,8 +293,8 @@ def secret_in_configuration(process: Process) -> Iterator[Violation]:
 def network_unclear(network: Network) -> Iterator[Violation]:
     """Something of the network is not known here, so nothing is denied for certain.
 
-    Not known are YAML files, plugins and bridges, links that are no hosts and ports, names and passwords, and several
-    addresses of one endpoint. So are namespaces, and processes that connect to where nobody in the folder listens.
+    Unknown are YAML files, plugins and bridges, links that are no hosts and ports, names and passwords, and several
+    addresses of one endpoint. So are namespaces, and connections to where nobody in the folder listens.
     """
     for place, why in rights_in(network).doubts:
         yield Violation(f"Cannot be told: {why}.", (place,), undecided=True, key=why)

@@ -29,7 +29,7 @@ MAX_ASKED: Final = 500
 """Rights that are asked about without the own file: a few seconds."""
 
 NAMED: Final = (
-    f"`keystore-audit suggest KEYSTORE --as {facts.NETWORK_FORM} --router PATH -o DIR` writes files that hold."
+    f"Let `keystore-audit suggest KEYSTORE --as {facts.NETWORK_FORM} --router PATH -o DIR` write files that hold."
 )
 BY_HAND: Final = (
     "All sessions are then clients of one router, whose rules name certificates (without a router: --listen). By hand: "
@@ -80,7 +80,7 @@ def deny_rule_evaded(process: Process) -> Iterator[Violation]:
     """A deny rule can be evaded: with default allow, it does not apply to a message about a wider expression.
 
     A put on `**` reaches a subscriber of what is denied, and a subscriber of `**` gets it (measured). With default
-    deny, the rule is void for a process that is also another subject, which has an allow rule: medium.
+    deny, it is void for a process that is also a subject of an allow rule: medium.
     """
     access = process.says.access
     if access is None or not process.says.starts:
@@ -132,7 +132,7 @@ def anybody_may_send(process: Process) -> Iterator[Violation]:
     """A policy lets a subject send that proves no identity.
 
     The subject has no property, or only an interface, a protocol or an id, which every connecting process chooses.
-    Files from zenoh_security_tools have only such subjects. They restrain whoever starts with them, and nobody else.
+    Files from zenoh_security_tools have only such subjects, and restrain only whoever starts with them.
     """
     rules = _of_anybody(process, *_TAKEN)
     if rules:
@@ -159,8 +159,8 @@ def _of_anybody(process: Process, *kinds: Kind) -> Sequence[Written]:
 def graph_from_anybody(process: Process) -> Iterator[Violation]:
     """A policy lets a subject that proves no identity announce nodes: ROS tools may list invented nodes.
 
-    The graph is what liveliness tokens say (`@ros2_lv`, measured). Tokens let no data in, so nodes work as before.
-    People and tools that look for a node, or wait for one, are misled.
+    The graph is what liveliness tokens say (`@ros2_lv`, measured). They let no data in, but mislead people and tools
+    that look or wait for a node.
     """
     rules = _of_anybody(process, Kind.TOKEN)
     if rules:
@@ -178,9 +178,8 @@ def file_restrains_only_its_owner(network: Network, context: Context) -> Iterato
     """An enclave can do what its own file denies, by starting without that file.
 
     Each process polices only its own links, and a compromised one drops its file. What others let in does not depend on
-    who sends; what their rules deny to its certificate stays denied. Routers pass on everything: what the holder of a
-    router's key can do is not reported here. Checked for 500 rights that rules name; with more, and none found among
-    these, the question stays open.
+    who sends; what their rules deny to its certificate stays denied. Holders of a router's key are not reported here.
+    Checked for 500 rights that rules name; with more, and none found among these, it stays open.
     """
     rights, told, places = rights_in(network), list[str](), dict[Location, None]()
     sent = list[tuple[str, str]]()
@@ -265,8 +264,7 @@ def longer_names_reached(network: Network, context: Context) -> Iterator[Violati
     """A rule allows a name with all that is below it: `0/image/**` is about /image/raw, too (measured).
 
     zenoh_security_tools wrote its rules so until September 2025. Reported if permissions name the one as a topic or a
-    service, so that it is not meant as a folder. Permissions or rules must also name another one below it, for which
-    the rule has no expression of its own.
+    service, and permissions or rules name another below it. The rule must have no own expression for that.
     """
     signed = {*names_in(each.permissions for each in context.keystore.enclaves if each.permissions is not None)}
     every = sorted({*signed, *(right for process in network.started for right in names_of(process))})
@@ -343,8 +341,8 @@ def rule_of_no_policy(process: Process) -> Iterator[Violation]:
 def domain_of_no_other(network: Network) -> Iterator[Violation]:
     """The rules of a process are about another domain than those of all others, so nothing comes through.
 
-    A key begins with the domain. The generator is told its domain separately from the robot's. Not reported if another
-    process lets anything through, or a file was not read.
+    The generator is told its domain separately from the robot. Not reported if another process lets anything through,
+    or a file was not read.
     """
     spoken = {each.path: domains_in(each) for each in network.started}
     files = Counter(domain for domains in spoken.values() for domain in domains)

@@ -47,11 +47,11 @@ WORDS: Final = {"publish": "publish", "subscribe": "subscribe to", "request": "c
 def right_beyond_permissions(network: Network, context: Context) -> Iterator[Violation]:
     """An enclave can do what its signed permissions do not grant, or if a policy is named, what that does not grant.
 
-    Nobody reads permissions.p7s here: what counts is what others' files let in, with the enclave's own file or without.
+    What counts is what others' files let in, with the enclave's own file or without: nobody reads permissions.p7s.
     Checked for topics and services that permissions or rules name, in the domains that rules name (else 0). Of each
-    pattern of a rule, one name is checked (`any` for wildcards). Rights by patterns are granted like others; patterns
-    are not compared with patterns. Routers, which pass on what comes, are not compared, nor enclaves without
-    permissions if no policy is named. With more than 2,000 rights it stays open.
+    pattern of a rule, one name is checked (`any` for wildcards). Patterns are not compared with patterns. Not compared:
+    routers, which pass on what comes, and enclaves without permissions if no policy is named. With more than 2,000
+    rights it stays open.
     """
     rights = rights_in(network)
 
@@ -76,10 +76,10 @@ def granted_and_kept_off(network: Network, context: Context) -> Iterator[Violati
     """An enclave was granted what the files stop: its own file stops it, or all others' do.
 
     The node starts, and nothing arrives; no log says why. Checked for topics and services that the enclave's own
-    permissions name and grant, in the domains that rules name (else 0). A policy that is named has to grant them, too.
-    Another enclave must have the other side: it subscribes to what is published, or serves what is called. Not
-    compared: routers, enclaves without a file that starts, and the topics of logs and parameter changes. What may work
-    is not reported. With more than 2,000 rights it stays open.
+    permissions, and a named policy, grant by name, in the domains that rules name (else 0). Another enclave must have
+    the other side: it subscribes to what is published, or serves what is called. Not compared: routers, enclaves
+    without a file that starts, and the topics of logs and parameter changes. What may work is not reported. With more
+    than 2,000 rights it stays open.
     """
     rights = rights_in(network)
 
@@ -141,8 +141,8 @@ def asserted_property_violated_by_files(network: Network, context: Context) -> I
     """A `no_flow` or `only_publish` that the settings assert does not hold by the files of sessions and routers.
 
     The severity is the one set there, else high. Checked at the audit instant, under all releases that are judged.
-    Only-publish is about whoever has a key, who needs no file, and about anybody without a key, not about those who
-    only pass on. Other forms are not checked. What is unknown stays open, as does a topic that is no key.
+    Only-publish is about holders of a key, who need no file, and anybody without one, not about those who only pass on.
+    Other forms are not checked. What is unknown stays open, as does a topic that is no key.
     """
     flows = NetworkFlows(context.keystore, network)
     for claim in context.claims:

@@ -60,8 +60,8 @@ def missing_grant(observed: Observation) -> Iterator[Violation]:
     """A node does what its enclave's own implementation denies, so that it ends there under Enforce.
 
     Medium if some of the domains in which the enclave starts allow it. What every node does by itself (log, parameter
-    events and services, ros_discovery_info) is one finding for an enclave. Nodes that were started without parameter
-    services or log do not need those. Graphs are of one moment: what a node does later is not seen.
+    events and services, ros_discovery_info) is one finding for an enclave. Nodes started without parameter services or
+    log do not need those. What a node does later than the graph is not seen.
     """
     for missing in observed.missing:
         need = missing.need
@@ -113,9 +113,8 @@ def _missing(message: str, group: Sequence[MissingGrant]) -> Violation:
 def excess_grant(observed: Observation) -> Iterator[Violation]:
     """An enclave is granted names that no node of it was seen to use: whoever takes it over has them all.
 
-    One finding for an enclave, with how many of its names are used. What every node uses is not counted, nor what
-    sros2's policies grant to every node. Nothing is reported if part of the files could not be worked out, or if a
-    launch file names nothing that an enclave's nodes use.
+    What every node uses is not counted, nor what sros2's policies grant to every node. Nothing is reported if part of
+    the files could not be worked out, or a launch file names nothing that the enclave's nodes use.
     """
     for excess in observed.excess:
         names = [*excess.names, *filter(None, (excess.wide,))]
@@ -187,8 +186,7 @@ def node_in_unknown_enclave(observed: Observation, context: Context) -> Iterator
 def used_name_without_right(observed: Observation) -> Iterator[Violation]:
     """A launch file gives a node a name with which its enclave may do nothing at all.
 
-    The file does not say whether the node publishes, subscribes, asks or answers under that name; under Enforce, each
-    ends the node. Remapping a name that the node does not use does no harm.
+    Whatever the node does under that name ends it under Enforce. Remapping an unused name does no harm.
     """
     found = grouped(observed.denied, lambda denied: (denied.enclave, denied.used.name))
     for (enclave, name), group in found.items():
@@ -213,8 +211,8 @@ def used_name_without_right(observed: Observation) -> Iterator[Violation]:
 def observation_incomplete(observed: Observation, context: Context) -> Iterator[Violation]:
     """Part of a graph or launch file could not be worked out, or an enclave's rights are unknown.
 
-    Nodes may need more than was found, so no grant is called an excess. Launch files are read and never run: what only
-    running them tells is unknown. If an enclave's rights are unknown, the audit is incomplete.
+    Nodes may need more than was found, so no grant is called an excess. Launch files are read, never run. If an
+    enclave's rights are unknown, the audit is incomplete.
     """
     unresolved = (_beside(each.location, each.reason) for each in observed.unresolved)
     for path, found in grouped(unresolved, lambda place: place.path).items():
@@ -250,10 +248,10 @@ def observation_incomplete(observed: Observation, context: Context) -> Iterator[
 def launch_changes_security(observed: Observation, context: Context) -> Iterator[Violation]:
     """A launch file starts a process without security, or not with this keystore, domain and middleware.
 
-    What it sets overrides the robot's environment (`--env`). A value that only running the file tells leaves the audit
-    incomplete. So does what speaks of security and is not read: code that is not followed, commands, and what stands
-    before a program. A domain is high if no governance covers it. It is low if all do and every enclave is granted
-    something there, else medium: ask with `--domain` about rights in it.
+    What it sets overrides the robot's environment (`--env`). The audit is incomplete if only running the file tells a
+    value. So it is if something that speaks of security is not read: code that is not followed, commands, and what
+    stands before a program. A domain is high if no governance covers it. It is low if all do and every enclave is
+    granted something there, else medium.
     """
     for variable in observed.variables:
         harm = _harm(variable, context)

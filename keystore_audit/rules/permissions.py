@@ -64,8 +64,8 @@ def permissions_schema_invalid(use: PermissionsUse, context: Context) -> Iterato
     """The document breaks the permissions schema of DDS-Security.
 
     Fast DDS refuses unknown and reordered elements, Cyclone DDS accepts any order (measured). Verdicts follow what each
-    one reads; medium if all read it. If an implementation in scope was not measured, the meaning is unknown, unless
-    nobody accepts the signature.
+    one reads; medium if all read it. If one in scope was not measured, the meaning is unknown, unless nobody accepts
+    the signature.
     """
     yield from out_of_form(use, context, Kind.SCHEMA_INVALID)
 
@@ -80,10 +80,9 @@ def permissions_schema_invalid(use: PermissionsUse, context: Context) -> Iterato
 def permissions_ambiguous(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
-    Fast DDS, Cyclone DDS and libxml2 read comments, blanks in values and odd dates differently (measured): one signed
-    file has several meanings. Verdicts follow what each one reads; medium if all read it. How a robot reads CDATA,
-    entities and other encodings is unknown. So it is for a document that is too large to be read here
-    (docs/security-model.md).
+    Fast DDS, Cyclone DDS and libxml2 read comments, blanks in values and odd dates differently (measured). Verdicts
+    follow what each one reads; medium if all read it. How a robot reads CDATA, entities and other encodings, or a
+    document above our limits (docs/security-model.md), is unknown.
     """
     yield from out_of_form(use, context, *AMBIGUOUS)
     remedy = in_permissions(
@@ -121,9 +120,9 @@ def _name_it(subject: str) -> Remedy:
 def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """No grant names the identity of the enclave that carries the document, so the enclave cannot start.
 
-    Texts are compared in the form of RFC 4514, the one that every implementation reads alike. Some implementations may
-    still take a grant to name the identity. If the grant means that subject, see subject-read-differently. Else this
-    finding is about the others, and low if none of them was chosen.
+    Texts are compared in the form of RFC 4514, the one that every implementation reads alike. If some implementations
+    still find the identity in a grant that means its subject, see subject-read-differently. If it means another
+    subject, this finding is about the others, and low if none of them was chosen.
     """
     grants = use.document.grants
     named = list(dict.fromkeys(grant.subject_name.text for grant in grants))
@@ -181,7 +180,7 @@ def second_grant_for_subject(use: PermissionsUse) -> Iterator[Violation]:
     """Two grants name one subject, and the second counts for nothing.
 
     On Fast DDS the first grant in force decides; on Cyclone DDS the first one, in force or not (measured). For each
-    <profiles> of an enclave sros2 writes a grant, so all but the first are lost.
+    <profiles> of an enclave sros2 writes a grant: all but the first are lost.
     """
     first: dict[str, Grant] = {}
     for grant in use.document.grants:
@@ -210,8 +209,8 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     Peers accept any validly signed document with a matching grant, so whoever is named may present this one instead of
     its own (measured). The handshake also shows everybody what the others may do. High if it gives an enclave of the
     keystore a right that its own document does not: an escalation. For a misspelt name of this enclave, see
-    no-grant-for-certificate. If keystores of several robots are audited together, the finding names the enclave; what
-    that one may do by itself is not compared.
+    no-grant-for-certificate. If several robots' keystores are audited together, the finding names the enclave; its own
+    rights are not compared.
     """
     own = {grant.subject_name.text for grant in own_grants(use)}
     if not any(enclave.identity for enclave in use.enclaves):

@@ -33,7 +33,7 @@ _NO_DENIAL: Final = (
 def deny_rule_with_partitions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A deny rule lists partitions, and Fast DDS denies its topics in every partition.
 
-    It never reaches later rules that allow the topic in other partitions.
+    Later rules for other partitions are never reached.
     """
     yield from said(context, Cause.DENY_IN_PARTITION)
 
@@ -207,7 +207,7 @@ def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violati
     """A date of a grant names different instants to different implementations, even on robots that are set to UTC.
 
     Fast DDS ignores the zone that a date names. Cyclone DDS takes years beyond 2262 and zones beyond 12 hours for long
-    past. If that decides something now, see date-read-differently. For what is no date to the specification, see
+    past. If that decides something now, see date-read-differently. For dates that are invalid to the specification, see
     permissions-ambiguous.
     """
     spoken = spoken_of(use, context, Cause.DATE)

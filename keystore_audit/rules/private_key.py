@@ -61,15 +61,15 @@ def _readable(file: File, whose: str, context: Context) -> Violation:
     "KA108",
     Severity.HIGH,
     "DDS-Security 1.1, 9.3.1 (the private key is the identity); CWE-732",
-    mechanical("sros2 writes keys with mode 0644.", Act.CLOSE_KEY),
+    mechanical("", Act.CLOSE_KEY),
     applies=lambda enclave, _context: enclave.key is not None and enclave.key.file.mode is not None,
 )
 def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterator[Violation]:
     """Other users of the machine may read the private key, and then act as the enclave.
 
     sros2 writes keys with mode 0644. A note where keystores are made, since version control holds no such modes; high
-    in a tree that goes on a robot (--deployed). The group that settings name (`key_group`) may read it. Directories
-    above it, owners and access control lists are not checked.
+    on a robot (--deployed). The group that settings name (`key_group`) may read it. Not checked: folders above it,
+    owners, access control lists.
     """
     if enclave.key is not None and _open_to_others(enclave.key.file, context.keystore.declared.key_group):
         yield _readable(enclave.key.file, enclave.path, context)
@@ -84,9 +84,8 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
 def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The private key of an authority lies in the tree: whoever has it issues identities or signs rights.
 
-    A note where keystores are made, critical in a tree that goes on a robot (--deployed). Always critical if an
-    enclave's key.pem holds it, as its own key or a further one. If enclaves carry it in another file, see KA118.
-    Backups and other copies outside the tree are not seen.
+    A note where keystores are made, critical on a robot (--deployed). Always critical in an enclave's key.pem, even as
+    a second key. If enclaves carry it in another file, see KA118. Copies outside the tree are not seen.
     """
     subjects = _authorities(keystore)
     known = {key.file.place: key.key for key in keystore.authority_keys}
@@ -140,11 +139,11 @@ _TAKE_OUT: Final = (
 def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A private key is in a file that enclaves carry or that lies beside them, and is not an enclave's key.pem.
 
-    `openssl req -x509 -keyout ca.pem -out ca.pem` writes key and certificate into one file; as a CA file it goes on
-    every robot. Nobody needs a key there, whoever owns it. If a certificate of the keystore has it, the finding names
-    the holder, for the first 64 such files. A second key in key.pem counts as well. In a tree that goes on a robot
-    (--deployed), so does a key in any other file, as in a backup. For files with authorities' names, see KA109. Keys
-    are seen in PEM anywhere in a file, and in DER; a text that only quotes a key's first line holds none.
+    `openssl req -x509 -keyout ca.pem -out ca.pem` writes such a file; as a CA file it goes on every robot. Nobody needs
+    a key there. If a certificate of the keystore has it, the finding names the holder, for the first 64 such files. A
+    second key in key.pem counts; on a robot (--deployed), so does a key in any other file, as in a backup. For files
+    with authorities' names, see KA109. Keys are seen in PEM anywhere in a file, and in DER; a text that only quotes a
+    key's first line holds none.
     """
     holders = _holders(keystore)
     held = {key.file.place: key for key in (*keystore.authority_keys, *keystore.further_keys)}
@@ -234,14 +233,13 @@ def _holders(keystore: Keystore) -> dict[str | None, str]:
     "KA116",
     Severity.HIGH,
     "CWE-732",
-    mechanical("sros2 writes keys with mode 0644.", Act.CLOSE_KEY),
+    mechanical("", Act.CLOSE_KEY),
 )
 def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Other users of the machine may read an authority's private key, and then issue identities or sign rights.
 
-    A note where keystores are made, high in a tree that goes on a robot (--deployed). A key that should not be in its
-    place (KA118) counts too: to accept that place is not to accept who may read it. Directories above it, owners and
-    access control lists are not checked.
+    A note where keystores are made, high on a robot (--deployed). A key in the wrong place (KA118) counts too: to
+    accept its place is not to accept who may read it. Not checked: folders above it, owners, access control lists.
     """
     for file in keystore.layout.authority_keys:
         if _open_to_others(file):
@@ -330,16 +328,16 @@ _ANEW: Final = decision(
 def private_key_others_have(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Anybody can have the private half of a key, and act as that identity or authority.
 
-    Checked are the keys of all certificates that were read, and the ECDSA signatures in certificates, revocation lists
-    and documents. Those of the run's other keystores are included. Found are signatures by one key over different
-    content that share r, if a key here made them. (The key of an authority was computed from two public .p7s files.)
-    Found are EC scalars within 2^8 of zero, and points that are negatives of each other. Found is RSA with an exponent
-    below 65537, a prime factor below 2^16, or primes that Fermat's method finds in 100 steps. So is RSA with a factor
-    that another key of the run has, or with the fingerprint of ROCA (Nemec and others, CCS 2017).
+    Checked are the keys of all certificates that were read, and all ECDSA signatures. Those of the run's other
+    keystores are included. Found are signatures by one key over different content that share r, if a key here made
+    them. (The key of an authority was computed from two public .p7s files.) Found are EC scalars within 2^8 of zero,
+    and points that are negatives of each other. Found is RSA with an exponent below 65537, a prime factor below 2^16,
+    or primes that Fermat's method finds in 100 steps. So is RSA with a factor that another key of the run has, or with
+    the fingerprint of ROCA (Nemec and others, CCS 2017).
 
     No report holds a private value. Published keys are those of keystore-audit's samples: info where keystores are
-    made, critical in a tree that goes on a robot (--deployed). Not found are Debian's weak keys of 2008, since no
-    Debian package has the list any more. A key that was made badly in another way looks like any other.
+    made, critical on a robot (--deployed). Not found are Debian's weak keys of 2008, whose list no Debian package has
+    any more, and keys that were made badly in another way.
     """
     own, others = material_of_keystore(keystore), context.beside.shared.material if context.beside else Material()
     keys = {each.key for each in own.keys}

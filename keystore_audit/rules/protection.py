@@ -94,8 +94,8 @@ def rtps_protection_sign_only(use: GovernanceUse) -> Iterator[Violation]:
 def discovery_unprotected(use: GovernanceUse) -> Iterator[Violation]:
     """Topic names and types are readable in discovery.
 
-    SIGN hides nothing: only an encrypting kind does, or an encrypting rtps_protection_kind. The handshake shows each
-    permissions document in clear in any case.
+    SIGN hides nothing: only an encrypting kind does, or an encrypting rtps_protection_kind. The handshake shows
+    permissions in clear in any case.
     """
     for domain_rule, violation in in_domains(use):
         kind = domain_rule.discovery_protection_kind
@@ -223,7 +223,7 @@ def payload_open_to_insiders(use: GovernanceUse) -> Iterator[Violation]:
 def samples_unauthenticated(use: GovernanceUse) -> Iterator[Violation]:
     """No protection kind authenticates the samples: whoever reaches the network commands the robot.
 
-    Access control asks endpoints for permissions, but nothing ties a sample to an endpoint.
+    Access control checks endpoints, but nothing ties a sample to an endpoint.
     """
     for domain_rule, topic_rule, violation in in_topics(use):
         if _nothing_authenticates(domain_rule, topic_rule):

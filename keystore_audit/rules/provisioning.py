@@ -50,8 +50,8 @@ def long_validity(keystore: Keystore) -> Iterator[Violation]:
     """Identities or grants are valid for more than two years.
 
     A robot that is lost, sold or broken into keeps its identity and rights until they end. Without revocation lists,
-    which no run time demands, nothing else ends them. Checked if the tree goes on a robot (--deployed). Not checked:
-    authorities, which have to outlast what they issue, and grants for others than the enclaves that carry them.
+    which no run time demands, nothing else ends them. Checked only with --deployed. Not checked: authorities, which
+    have to outlast what they issue, and grants for others than the enclaves that carry them.
     """
     certificates = [each for each in _identities(keystore) if each[1].not_after - each[1].not_before > LONGEST]
     lasting = [(c.not_after, e.path, located(c)) for e, c in certificates]
@@ -94,9 +94,9 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
     """An enclave here and one in another keystore of this run share an identity key, or a subject under one CA.
 
     With one key, whoever takes one robot passes for the other, and revoking one certificate stops both. The same holds
-    if one's key lies in the other keystore, in a backup for instance. With one subject (medium), a grant for either is
-    one for both, since peers find grants by subject. Only keystores that are audited together are compared. Identities
-    are read for that before the audits begin; if an audit then reads others, it is incomplete.
+    if one's key lies in the other keystore, as in a backup. With one subject (medium), a grant for either is one for
+    both, since peers find grants by subject. Only keystores of one run are compared. Their identities are read before
+    the audits begin; if an audit then reads others, it is incomplete.
     """
     beside = context.beside
     if beside is None:
@@ -207,9 +207,8 @@ def _twins(keystore: Keystore, found: Sequence[_Shared]) -> set[str]:
 def certificate_older_than_permissions(keystore: Keystore) -> Iterator[Violation]:
     """Permissions were signed more than a day after their certificate was issued.
 
-    So it is if rights were changed and the identity was kept. Earlier permissions, if there were any, count until their
-    dates end; these files cannot tell. The signer itself states the time. Checked if the permissions CA signed and the
-    tree goes on a robot (--deployed).
+    So it is if rights changed and the identity was kept. Earlier permissions, if there were any, count until their
+    dates end. The signer itself states the time. Checked only with --deployed, if the permissions CA signed.
     """
     later: dict[str, tuple[datetime, datetime, Location]] = {}
     for use in permissions_uses(keystore):

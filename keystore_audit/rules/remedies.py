@@ -15,8 +15,8 @@ from keystore_audit.keystore.layout import LayoutKind, Role
 
 CREATE_PERMISSION: Final = "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml`"
 CREATE_ENCLAVE: Final = (
-    f"`ros2 security create_enclave KEYSTORE ENCLAVE`, then {CREATE_PERMISSION}, since the first leaves permissions "
-    "that allow everything"
+    f"`ros2 security create_enclave KEYSTORE ENCLAVE`, then {CREATE_PERMISSION}, since the first alone allows "
+    "everything"
 )
 
 ISSUE_AGAIN: Final = mechanical("", Act.ISSUE)

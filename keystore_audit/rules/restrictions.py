@@ -155,7 +155,7 @@ def rule_domain_range_open(use: PermissionsUse) -> Iterator[Violation]:
     """An <id_range> of a rule lacks <min> or <max>, and implementations read different domains in it (measured).
 
     Critical without <min>: evaluating such a rule crashes Cyclone DDS 0.10.2 (measured with its plugin). Peers send
-    permissions too, so one signed document stops others.
+    permissions too: one signed document stops others.
     """
     for grant in use.document.grants:
         for permission_rule in grant.rules:
@@ -180,8 +180,7 @@ def data_tags_ignored(use: PermissionsUse) -> Iterator[Violation]:
     """A rule is limited to endpoints with certain data tags, but every implementation applies it to all endpoints.
 
     To the specification, an allow rule with tags allows only those, and a deny rule spares all others. High if more is
-    allowed than it says, medium if more is denied. Everything else here is decided as implementations do, without the
-    tags, under `spec` too.
+    allowed than it says, medium if more is denied. All else is decided without the tags, under `spec` too.
     """
     for grant, each, criterion in _tagged(use):
         verb, operation = "allows" if each.allow else "denies", criterion.operation.value
@@ -223,9 +222,8 @@ def partition_evaded(use: PermissionsUse, context: Context) -> Iterator[Violatio
 
     To permissions an endpoint's partition is a plain string; to matching it is a pattern (measured on Cyclone DDS
     0.10.2 and Fast DDS 2.9.1). So a denial in `secret` says nothing of `*`, and who is allowed in `?` may go into `*`.
-    If an implementation takes a denial for one of the whole topic, in any partition, nothing gets around it
-    (deny-rule-blocks-topic). Properties, claims and flows count whom an endpoint meets so; `can` and `access` answer
-    about the plain name.
+    If an implementation takes a denial for the whole topic, nothing gets around it (deny-rule-blocks-topic).
+    Properties, claims and flows count this; `can` and `access` answer about the plain name.
     """
     for grant in use.document.grants:
         for criterion in grant.allowed:

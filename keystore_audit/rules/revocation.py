@@ -73,7 +73,7 @@ def _signed(use: RevocationUse, revocations: RevocationList) -> Truth:
 def identity_revoked(keystore: Keystore) -> Iterator[Violation]:
     """A revocation list of this keystore names an enclave's identity: whoever carries the list refuses the enclave.
 
-    Enclaves without the list accept the identity as before. Lists that no identity CA signed revoke nothing here.
+    Other enclaves accept it as before. Lists that no identity CA signed revoke nothing here.
     """
     lists = [
         (use, revocations)

@@ -70,9 +70,8 @@ def _half(path: str, found: Sequence[Half]) -> Violation:
 def half_service(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may ask a service and not read its answers, or the reverse: the node fails when it makes the endpoint.
 
-    Decided over all service names, after deny rules and as each implementation reads the patterns. Only an allow rule
-    that names requests or replies (`rq/`, `rr/`) counts: a reader of `*` records. For a service of an action, see
-    half-action.
+    Decided over all service names, as each implementation reads the rules. Only an allow rule that names requests or
+    replies (`rq/`, `rr/`) counts: a reader of `*` records. For a service of an action, see half-action.
     """
     yield from _halves(context, SERVICE_ROLES)
 
@@ -140,9 +139,9 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
 def parameter_services_of_others(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may set parameters of a node that runs in another enclave: it decides what that node does.
 
-    The node is another's if that enclave's permissions let it answer the service, and the caller's do not list the
-    answer by name. Low if parameters can only be read. For an enclave that may do everything, see
-    allow-everything-permissions. A tool that configures others needs this right: accept the finding for it.
+    The node is another's if that enclave may answer the service, and the caller's permissions do not list the answer by
+    name. Low if parameters can only be read. For an enclave that may do everything, see allow-everything-permissions.
+    Accept it for a tool that configures others.
     """
     yield from _reaches(context, "parameters")
 
@@ -151,13 +150,13 @@ def parameter_services_of_others(_keystore: Keystore, context: Context) -> Itera
     "KA633",
     Severity.HIGH,
     "ROS 2 design, managed nodes (change_state); ROS 2 design, SROS2 access control policies (least privilege)",
-    in_permissions("Let only the enclave that manages the node ask change_state"),
+    in_permissions("Let only the enclave that manages the node call change_state"),
 )
 def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may change the state of a managed node that runs in another enclave: it starts and stops it.
 
-    Low if the state can only be read. How a node's enclave is found, see parameter-services-of-others. A lifecycle
-    manager needs this right: accept the finding for it.
+    Low if the state can only be read. A node's enclave is found as in parameter-services-of-others. Accept it for a
+    lifecycle manager.
     """
     yield from _reaches(context, "states")
 
@@ -171,8 +170,7 @@ def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Itera
 def service_served_by_several(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Two enclaves may answer one service: a client accepts either answer, so one of them can be a false server.
 
-    Checked for services that permissions list by name. An enclave with a pattern that matches what others list is
-    reported apart.
+    Checked for services that permissions list by name. A pattern that matches what others list is reported apart.
     """
     ros = context.meaning.ros
     for rivals, profiles in ros.rivals if ros is not None else ():
@@ -217,9 +215,9 @@ _USES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
 def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A pattern for topics also covers the feedback and the status of actions, which it does not name.
 
-    Medium if it lets the enclave publish those of an action that another enclave serves by name. The action's clients
-    then take them for the server's. A note if there is no such action yet. For an enclave that may do everything, see
-    allow-everything-permissions. Judged by what an enclave's own document allows, as the specification reads it.
+    Medium if it lets the enclave publish those of an action that another enclave serves by name: clients then take them
+    for the server's. A note if there is no such action yet. For an enclave that may do everything, see
+    allow-everything-permissions. Judged by the enclave's own document, as the specification reads it.
     """
     for found in context.meaning.ros.actions if context.meaning.ros is not None else ():
         of = f"which {found.owner} serves" if found.owner is not None else "if there is one"
@@ -249,13 +247,12 @@ def _severity(found: ActionPattern) -> Severity | None:
 def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events, services.
 
-    Every process since Foxy publishes and reads ros_discovery_info. Without it, DDS creates a participant, ROS 2 gives
-    it up, and nothing runs. A governance that leaves the topic open needs no grant for it. The others are log,
-    parameter events, the six parameter services, and since Iron the service get_type_description. Without them a node
-    fails, unless it is told to do without. The policies of sros2 leave get_type_description out: no Jazzy node starts
-    by them unless its parameter start_type_description_service is false. It is checked for nodes whose parameter
-    services are granted by name, if a chosen implementation ships only in distributions since Iron. Only nodes with
-    simulated time read /clock.
+    Since Foxy every process publishes and reads ros_discovery_info. Without it, DDS creates a participant, ROS 2 gives
+    it up, and nothing runs; a governance that leaves the topic open needs no grant. The others are log, parameter
+    events, the six parameter services, and since Iron get_type_description. Without them a node fails, unless it is
+    told to do without. The policies of sros2 leave get_type_description out: no Jazzy node starts by them unless its
+    parameter start_type_description_service is false. It is checked for nodes whose parameter services are granted by
+    name, if a chosen implementation ships only in distributions since Iron. Only nodes with simulated time read /clock.
     """
     ros = context.meaning.ros
     if ros is None:

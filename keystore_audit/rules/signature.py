@@ -176,8 +176,8 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
     """Somebody else than the permissions CA made the signature, and no identity of this keystore either.
 
     A certificate of the permissions CA file itself has to make every SignerInfo. Names prove nothing: sros2 calls every
-    authority CN=sros2CA. If the signer's certificate is neither in the keystore nor in the message, it is unknown
-    whether the signature is valid. Critical even if all refuse it: somebody may have tried.
+    authority CN=sros2CA. If the signer's certificate is neither here nor in the message, it is unknown whether the
+    signature is valid. Critical even if all refuse it.
     """
     for signer, signature in _makers(use, context, _Maker.STRANGER):
         got = (
@@ -214,8 +214,8 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
 def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violation]:
     """An identity, not the permissions CA, made the signature: an enclave gave rights to itself or to another.
 
-    `openssl smime -verify -CAfile` says "Verification successful". Implementations that take any signer the authority
-    vouches for accept it (measured with real processes). What an identity signed on other machines is not seen here.
+    `openssl smime -verify -CAfile` says "Verification successful". So do implementations that take any signer under the
+    authority (measured with real processes).
     """
     for signer, _signature in _makers(use, context, _Maker.IDENTITY):
         if signer is None:
@@ -243,9 +243,8 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
 def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
     """Content or signature were changed after signing.
 
-    Every implementation refuses the document, so its enclaves cannot start. Critical, since somebody changed what
-    robots have to obey. A changed line end counts: sros2 and OpenSSL sign CRLF, and LF in its place inside the signed
-    part breaks the signature.
+    Every implementation refuses the document, so its enclaves cannot start. A changed line end counts: sros2 and
+    OpenSSL sign CRLF, and LF in its place inside the signed part breaks the signature.
     """
     for number, (named, signature) in enumerate(_makers(use, context, _Maker.NOBODY), start=1):
         mismatch = next(of_kinds(use.signed.defects, Kind.DIGEST_MISMATCH), None)
@@ -273,8 +272,8 @@ def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
 def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation]:
     """The permissions CA's key made the signature, but the signature names another certificate of that key.
 
-    So it is if the authority was renewed without signing again, or the other way round. Run times look for issuer and
-    serial number and find no signer.
+    The authority was renewed without signing again, or the other way round. Run times look for issuer and serial number
+    and find no signer.
     """
     for signer, signature in _makers(use, context, _Maker.RENEWED):
         yield _violation(
@@ -303,8 +302,8 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
     """The permissions CA signed, but some implementations refuse the document.
 
     Cyclone DDS and OpenDDS read only the first certificate of the CA file. Implementations that do not pin the signer
-    look for its certificate in the message. They want it fit for S/MIME signing and a chain to a self-signed one, and
-    try only the first certificate of each name. High if a chosen profile refuses, else low.
+    look for its certificate in the message. They want it fit for S/MIME signing, chained to a self-signed one, and try
+    only the first of each name. High if a chosen profile refuses, else low.
     """
     refusals: dict[str, list[Profile]] = {}
     for file in dict.fromkeys(file for _enclave, file in use.judging):

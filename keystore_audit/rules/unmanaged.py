@@ -52,7 +52,8 @@ _FIND_OUT: Final = (
 )
 
 _NEEDED_OR_NOT: Final = (
-    "Move its folder below enclaves/ if a robot needs it, so that it is audited too. Else delete the key, and revoke "
+    "Move the identity's folder below enclaves/ if a robot needs it, so that it is audited too. Else delete the key, "
+    "and revoke "
     "the certificate or let no grant name its subject: copies stay usable."
 )
 
@@ -88,9 +89,9 @@ def _at(documents: Sequence[UnmanagedDocument]) -> list[Location]:
 def several_permissions_for_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An old or other permissions document, validly signed and in force, lies outside the enclaves.
 
-    A peer accepts any valid document that is presented to it. So an enclave has the rights of all of them together, and
-    nothing revokes one. High if it gives an enclave what no own document does; else low, since a right that is removed
-    later is still in it. Copies with the same bytes give nothing more; those kept elsewhere are not seen.
+    Peers accept any valid document that is presented, so an enclave has the rights of all of them together, and nothing
+    revokes one. High if it gives an enclave what its own document does not; else low, since a right that is removed
+    later is still in it. Copies outside the keystore are not seen.
     """
     granting = _granting(keystore, context)
     wider = [grant for grant in granting if grant.surplus is not None]
@@ -137,9 +138,8 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
 def signed_governance_at_large(keystore: Keystore) -> Iterator[Violation]:
     """A governance document that the permissions CA signed lies where no enclave applies it.
 
-    It has no effect on enclaves. Whoever has an identity outside of them (KA668) may start with it: flows count that.
-    Whoever can write to a robot needs no key to replace the current governance by it. Old governances are often weaker,
-    and have no dates.
+    It has no effect on enclaves, but whoever has an identity outside of them (KA668) may start with it: flows count
+    that. Whoever can write to a robot needs no key to put it in force, and it has no date.
     """
     found = governance_apart(keystore)
     if found:
@@ -160,8 +160,8 @@ def signed_governance_at_large(keystore: Keystore) -> Iterator[Violation]:
 def signed_document_without_effect(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A signed document outside the enclaves gives nothing to anybody here.
 
-    No peer here accepts its signature, or none of its grants is in force and names an enclave here. It may count where
-    another authority is trusted, or once a grant's dates begin.
+    No peer here accepts its signature, or none of its grants is in force and names an enclave here. It may count
+    elsewhere, or once a grant begins.
     """
     files = permissions_cas(keystore)
     read = [each for each in keystore.unmanaged if each.document is not None]
@@ -200,12 +200,12 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
 def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A file may be a permissions document that peers accept, and what it says is unknown.
 
-    No enclave has it, or an enclave has it where no implementation reads it and from where anybody can take it. It
-    has the mark of a message and is not read as one (below other text, a PEM signature, too large, one of too
-    many). Or its XML has no single meaning. It then counts as giving everything to everybody. A text that only quotes
-    the mark, without a signature, does not. A governance without a single meaning counts too, if somebody has an
-    identity outside the enclaves (KA668) and may start with it. Critical if its form ends the process that reads it,
-    since peers send permissions too. What is wrong with a signature is in KA3.
+    No enclave has it, or an enclave has it where no implementation reads it and anybody can take it. It has the mark of
+    a message and is not read as one (below other text, a PEM signature, too large, one of too many). Or its XML has no
+    single meaning. It then counts as giving everything to everybody; a text that only quotes the mark, without a
+    signature, does not. A governance without a single meaning counts too, if an identity outside the enclaves (KA668)
+    may start with it. Critical if its form ends the process that reads it, since peers send permissions too. For faults
+    of signatures, see KA3.
     """
     known = {each.place: each for each in (*unmanaged_permissions(keystore), *unmanaged_governance(keystore))}
     carried = {file.place: enclave.path for enclave in keystore.enclaves for file in enclave.files.every}
@@ -240,17 +240,15 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     """A certificate outside the enclaves has its private key somewhere in the tree, and peers accept it.
 
     Whoever has the tree can start it: a run time needs only a folder of six files, from anywhere. It is no enclave
-    here; flows and properties count it among the participants. Peers accept it by a grant, even one that begins later,
-    or without one if join access control is off. Peers also accept permissions that it signs itself, if it has the
-    permissions CA's own key or the signer is not pinned. Medium if an enclave has the same subject and all peers that
-    accept this identity accept that enclave, too: it has no further rights then. Certificates and keys are read from
-    PEM anywhere, and from files in DER.
+    here, but flows and properties count it. Peers accept it by a grant, even one that begins later, or without one if
+    join access control is off. It signs its own permissions if it has the permissions CA's key, or if the signer is not
+    pinned. Medium if an enclave has the same subject and all peers that accept this identity accept that enclave, too:
+    it then has no further rights.
 
-    For a certificate that an enclave has as its own, in a form that no run time reads, see certificate-unreadable.
-
-    Undecided if a PEM key that cannot be read (a password) may belong to such a certificate, unless it lies where
-    authorities' keys do. Also undecided if a file with the mark of a certificate or key cannot be read. Other files
-    that were not read (KA121) are assumed to hold none.
+    Certificates and keys are read in PEM anywhere, and in files in DER. Undecided if a PEM key that cannot be read (a
+    password) may belong to it, unless it lies where authorities' keys do. Also undecided if a file with the mark of a
+    certificate or key cannot be read. Other unread files (KA121) are assumed to hold none. For an enclave's own
+    certificate in a form that no run time reads, see certificate-unreadable.
     """
     identities = keystore.identities
     unreadable = {enclave.files.files[Role.CERTIFICATE].place for enclave in keystore.enclaves if not enclave.identity}
@@ -323,11 +321,11 @@ def _identity_at(each: Admitted, key: str = "the private key") -> Iterator[Locat
 def keystore_inside_keystore(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Another keystore or an enclave, whole or not, lies outside enclaves/, and this audit does not judge it.
 
-    A run time that is told of that folder uses it. Its documents and identities count here as far as peers of this
-    keystore accept them (KA660, KA661, KA668). No rule judges its own governance, authorities and rights. So the audit
-    is incomplete if somebody can be started from it and the same run does not audit it. That takes enclaves/, or a
-    certificate and a private key. In layouts before Foxy such a folder is an enclave of the keystore itself. A keystore
-    that gets enclaves/ and public/ beside such enclaves has the newer layout, and they are no longer judged.
+    A run time that is told of that folder uses it. Its documents and identities count as far as peers of this keystore
+    accept them (KA660, KA661, KA668). No rule judges its own governance, authorities and rights. The audit is
+    incomplete if somebody can start from it (enclaves/, or a certificate and a private key) and this run does not audit
+    it. In layouts before Foxy such a folder is an enclave of the keystore, until enclaves/ and public/ beside it make
+    the layout a newer one.
     """
     nested = keystore.layout.nested
     if nested:

@@ -488,7 +488,7 @@ def test_a_decision_names_place_and_edit_and_signs_what_was_edited(stock: Path) 
     script = printed(stock, "KA408")
     text = script.read_text()
     assert re.search(
-        r"# decision: .*set <rtps_protection_kind> to ENCRYPT.*\[enclaves/talker/governance.p7s:\d+\]", text
+        r"# decision: .*Set <rtps_protection_kind> to ENCRYPT.*\[enclaves/talker/governance.p7s:\d+\]", text
     )
     before = tree(stock)
     exit_code, told = run(script, REVIEWED="yes")
@@ -532,7 +532,7 @@ def test_a_leaked_authority_is_replaced_in_both_roles(stock: Path) -> None:
     (said,) = [each for each in found(stock) if each["code"] == "KA118"]
     assert said["fix"]["kind"] == "decision"
     script = printed(stock, "KA118")
-    assert "# decision: Take the key out of the file." in script.read_text()
+    assert "# decision: Remove the key from the file." in script.read_text()
     leaked.unlink()
     exit_code, told = run(script)
     assert exit_code == 0, told

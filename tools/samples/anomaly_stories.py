@@ -71,8 +71,8 @@ def _void() -> Iterator[Story]:
     yield from pair(
         "KA618",
         bad=Case(
-            "A deny rule names a topic of the arm and one of the leg. An earlier rule allows all topics of the arm, "
-            "so half of the deny rule is void.",
+            "A deny rule names a topic of the arm and one of the leg. An earlier rule allows all of the arm's "
+            "topics: half of the deny rule is void.",
             with_rules(everything, secrets, legs),
         ),
         good=Case(

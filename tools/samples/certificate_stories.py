@@ -83,7 +83,7 @@ def _issuers() -> Iterator[Story]:
         "KA207",
         bad=Case(
             "The talker's identity names the identity CA as its issuer, but another key signed it, such as a second "
-            "keystore's. (All authorities of sros2 have one name.) No peer accepts it.",
+            "keystore's. No peer accepts it.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, signed_by=Key(label="another keystore's CA"))),
         ),
         good=Case("The same names and numbers, signed with the identity CA's key.", ONE),

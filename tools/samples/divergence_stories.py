@@ -49,8 +49,7 @@ def _participants() -> Iterator[Story]:
         "KA602",
         bad=Case(
             "The governance covers domains 0 and 5 and lets everybody publish /clock; the talker's rules are for "
-            "domain 0. Cyclone DDS asks no permissions to join a domain with such a topic. So the talker starts in "
-            "domain 5, which the specification denies.",
+            "domain 0. Cyclone DDS then asks no permissions to join domain 5, which the specification denies.",
             _in(ONE, *BOTH, topics=open_topic),
         ),
         good=Case(
@@ -79,8 +78,8 @@ def _partitions() -> Iterator[Story]:
     yield from pair(
         "KA604",
         bad=Case(
-            "The talker may publish /cmd_vel everywhere except in the partition lab. Fast DDS ignores the "
-            "partitions of a deny rule and denies it everywhere; so does Cyclone DDS, in its own way.",
+            "The talker may publish /cmd_vel except in the partition lab. Fast DDS ignores the partitions of a deny "
+            "rule and denies it everywhere; so does Cyclone DDS, in its own way.",
             with_rules(replace(here, allow=False), command),
         ),
         good=Case("Only an allow rule, for the default partition.", with_rules(command)),
@@ -89,8 +88,8 @@ def _partitions() -> Iterator[Story]:
         "KA605",
         bad=Case(
             "A deny rule takes /cmd_vel from the talker, a later one allows it in the partition lab. The "
-            "specification denies it in every partition, Cyclone DDS 11 only in the default one: the talker drives "
-            "in lab. (It may read the topic, or Cyclone DDS had none.)",
+            "specification denies it in every partition, Cyclone DDS 11 only in the default one. (The talker may "
+            "read the topic, or Cyclone DDS had none.)",
             with_rules(replace(command, allow=False), here, Rule(subscribe=(COMMAND,))),
         ),
         good=Case("Neither rule: what is not allowed is denied.", ONE),
@@ -114,7 +113,7 @@ def _partitions() -> Iterator[Story]:
         "KA637",
         bad=Case(
             "The talker may not read /map in the partition secret, but may in *, meant for all others. Its reader "
-            "joins the partition *, which the denial does not match, and meets the writers in secret.",
+            "joins the partition * and meets the writers in secret.",
             with_rules(Rule(subscribe=(secret,), allow=False), Rule(subscribe=(read,))),
         ),
         good=Case(
@@ -134,8 +133,8 @@ def _partitions() -> Iterator[Story]:
     yield from pair(
         "KA607",
         bad=Case(
-            "One rule allows /map in the partition east, the next one in west. Fast DDS stops at the first that "
-            "lists the topic, so nothing is published in west.",
+            "One rule allows /map in the partition east, the next in west. Fast DDS stops at the first, so nothing "
+            "is published in west.",
             with_rules(*two),
         ),
         good=Case(
@@ -192,8 +191,8 @@ def _values() -> Iterator[Story]:
     yield from pair(
         "KA612",
         bad=Case(
-            "The grant begins on New Year's Day in Tonga, whose zone is 13 hours ahead. Cyclone DDS reads zones up to "
-            "12 hours and takes the date for long past: the talker has its rights six weeks early.",
+            "The grant begins on New Year's Day in Tonga, 13 hours ahead. Cyclone DDS reads zones up to 12 hours "
+            "and takes the date for long past: the talker's rights begin six weeks early.",
             with_grant(not_before="2027-01-01T00:00:00+13:00"),
         ),
         good=Case("The same instant in UTC.", with_grant(not_before="2026-12-31T11:00:00")),
@@ -212,7 +211,7 @@ def _values() -> Iterator[Story]:
         "KA614",
         bad=Case(
             "The talker may not publish /cmd_vel from domain 0 on. The specification reads every domain, Fast DDS "
-            "and Cyclone DDS only domain 0: in domain 5 the next rule allows it.",
+            "and Cyclone DDS only domain 0: the next rule allows it in domain 5.",
             _in(
                 with_grant(
                     rules=(
@@ -233,8 +232,8 @@ def _values() -> Iterator[Story]:
     yield from pair(
         "KA615",
         bad=Case(
-            "/clock is under access control, but topics that begin with c are not. The first matching rule decides; "
-            "on OpenDDS one without access control is enough, and the talker sets the clock.",
+            "/clock is under access control, but topics that begin with c are not. On OpenDDS one matching rule "
+            "without access control is enough, and the talker sets the clock.",
             _in(ONE, 0, topics=(TopicRule(expression="rt/clock"), replace(clock, expression="rt/c*"), TopicRule())),
         ),
         good=Case(

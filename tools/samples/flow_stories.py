@@ -222,7 +222,7 @@ def _expiring(store: Store, infotainment: Node) -> Story:
         "vehicle",
         "expiring_grant",
         "An old, wide grant of the infotainment system stands after the narrow one that decides today. Fast DDS "
-        "skips expired grants: when the narrow one ends, the wide one counts.",
+        "skips expired grants: the wide one counts when the narrow one ends.",
         replace(store, enclaves=enclaves),
         ("--profile", "fastdds"),
     )
@@ -267,7 +267,7 @@ def _partitions() -> Iterator[Story]:
         "chatter",
         "partition_pattern",
         "The listener publishes /map in the partition secret, where the talker may not read it. The talker may read "
-        "it in *, and there its reader meets the writers of all partitions.",
+        "it in *, where its reader meets the writers of all partitions.",
         store("*"),
     )
     yield _story(
@@ -292,7 +292,7 @@ def _domains() -> Iterator[Story]:
         "chatter",
         "other_domain",
         "The talker may subscribe to /map only in domain 9, where nobody publishes it. Fast DDS lets it subscribe "
-        "in domain 0 too: honest peers do not write to it there, but an attacking listener does.",
+        "in domain 0 too: only a listener that attacks writes to it there.",
         store(9),
     )
     yield _story(
@@ -313,7 +313,7 @@ def _written_domains() -> Iterator[Story]:
         "chatter",
         "written_elsewhere",
         "The listener may publish /map only in domain 9, which is not governed. Fast DDS lets it publish in domain "
-        "0 too: an honest talker refuses that writer, but a compromised one accepts it.",
+        "0 too: only a compromised talker accepts it.",
         store(9),
     )
     yield _story(

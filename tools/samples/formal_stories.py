@@ -103,9 +103,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA703",
         bad=Case(
-            "CVE-2023-24010: one authority serves both roles, and the talker signed itself /cmd_vel with "
-            "its own key. `openssl smime -verify -CAfile` calls that valid, and so do Cyclone DDS up to "
-            "0.10 and Fast DDS up to 2.6.4.",
+            "CVE-2023-24010: one authority serves both roles, and the talker signed itself /cmd_vel. `openssl smime "
+            "-verify -CAfile` calls that valid, and so do Cyclone DDS up to 0.10 and Fast DDS up to 2.6.4.",
             replace(
                 shared,
                 enclaves=(talker(permissions=permissions, seal=signed_by(TALKER_CERTIFICATE).smime), LISTENER),
@@ -120,8 +119,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA705",
         bad=Case(
-            "The authorities are separate, but permissions_ca.cert.pem holds both certificates, like a web server's "
-            "bundle. Fast DDS reads both. If it does not pin the signer, every identity can sign rights.",
+            "The authorities are separate, but permissions_ca.cert.pem holds both certificates. Fast DDS reads "
+            "both. If it does not pin the signer, every identity can sign rights.",
             replace(TWO, changes={"public/permissions_ca.cert.pem": bundle}),
         ),
         good=Case("permissions_ca.cert.pem holds only the permissions CA.", TWO),
@@ -171,8 +170,8 @@ def _replays() -> Iterator[Story]:
     yield from pair(
         "KA714",
         bad=Case(
-            "The payload of /chatter is encrypted, but its submessages and messages are not even signed: "
-            "yesterday's message is accepted again.",
+            "Only the payload of /chatter is protected, not its submessages and messages: yesterday's message is "
+            "accepted again.",
             governed(TWO, domain(recorded, rtps="NONE")),
         ),
         good=Case("Whole messages are signed.", governed(TWO, domain(recorded, rtps="SIGN"))),
@@ -229,8 +228,8 @@ def _insiders() -> Iterator[Story]:
     yield from pair(
         "KA724",
         bad=Case(
-            "sros2's own governance: who can check a message can make one, since the key is the same. The listener "
-            "can write /chatter to other readers in the talker's name.",
+            "sros2's own governance: who can check a message can make one. The listener can write /chatter to other "
+            "readers in the talker's name.",
             governed(TWO, DomainRule()),
         ),
         good=Case(

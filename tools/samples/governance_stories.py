@@ -41,7 +41,7 @@ def _documents() -> Iterator[Story]:
         "KA402",
         bad=Case(
             "A comment stands inside the topic expression. Fast DDS reads the text before it (rt/), Cyclone DDS "
-            "joins the pieces (rt/*): one signed file protects different topics.",
+            "joins the pieces (rt/*).",
             replace(
                 ONE,
                 governance=edited(text, ">*</topic_expression>", ">rt/<!-- all -->*</topic_expression>"),
@@ -74,8 +74,8 @@ def _access() -> Iterator[Story]:
     yield from pair(
         "KA403",
         bad=Case(
-            "Participants that never proved an identity may join the domain. Topics are encrypted, so they get no "
-            "data. But they see who is there, and can use any topic that is added without protection.",
+            "Participants without an identity may join. Topics are encrypted, so they get no data, but they see who "
+            "is there and can use any topic added without protection.",
             governed(ONE, replace(bare, allow_unauthenticated=True)),
         ),
         good=Case("Every participant proved an identity.", governed(ONE, bare)),

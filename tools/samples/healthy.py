@@ -76,26 +76,26 @@ def stories() -> Iterator[Story]:
     yield Story(
         directory="healthy/talker_listener",
         text=(
-            "The talker publishes /chatter and the listener subscribes to it, each with the parameter services, log "
-            "and clock that every node needs. Different authorities sign identities and documents, so no enclave can "
-            "sign its own rights. The authorities' private keys are kept elsewhere."
+            "The talker publishes /chatter, the listener subscribes to it, and each has the parameter services, log "
+            "and clock that every node needs. Separate authorities sign identities and documents; their private keys "
+            "are kept elsewhere."
         ),
         tree=healthy("talker_listener", TALKER_LISTENER).tree(),
     )
     yield Story(
         directory="healthy/turtlesim",
         text=(
-            "The turtle obeys /move_turtle. The multiplexer makes it of the keyboard's /high_priority and the random "
-            "walker's /low_priority. Neither source can move the turtle except through the multiplexer. As sros2 "
-            "leaves them, the authorities' keys are in private/: a note here, critical on a robot."
+            "The turtle obeys /move_turtle, which the multiplexer makes of the keyboard's /high_priority and the "
+            "random walker's /low_priority. Neither moves the turtle otherwise. As sros2 leaves them, the "
+            "authorities' keys are in private/: a note here, critical on a robot."
         ),
         tree=healthy("turtlesim", TURTLESIM, private_keys=True).tree(),
     )
     yield Story(
         directory="healthy/vehicle",
         text=(
-            "Brake and motor control each other. The gateway reads their state and passes it on to infotainment and "
-            "telematics. It reads nothing from the infotainment system, so nothing of that reaches the motor."
+            "Brake and motor control each other. The gateway passes their state on to infotainment and telematics, "
+            "and reads nothing from infotainment, so nothing of that reaches the motor."
         ),
         tree=healthy("vehicle", VEHICLE).tree(),
     )
@@ -108,8 +108,8 @@ def stories() -> Iterator[Story]:
     yield Story(
         directory="healthy/dashing_flat",
         text=(
-            "The flat layout of Crystal to Eloquent: a folder for each node, copies instead of links, and openssl's "
-            "readable dump before the certificates. Only its age is wrong."
+            "The flat layout of Crystal to Eloquent: a folder for each node, copies instead of links, a readable "
+            "dump before the certificates. Only its age is wrong."
         ),
         tree=flat(healthy("dashing_flat", DASHING)),
     )

@@ -273,8 +273,8 @@ def _together() -> Iterator[Story]:
     yield from pair(
         "KA223",
         bad=Case(
-            "Somebody appended their own authorities to both CA files of public/. If run times read the whole file, "
-            "every identity and permission from these counts (measured on Fast DDS).",
+            "Somebody appended their own authorities to both CA files of public/. Run times that read the whole "
+            "file accept their identities and permissions (measured on Fast DDS).",
             replace(
                 ONE,
                 changes={

@@ -25,9 +25,9 @@ def stories() -> Iterator[Story]:
     """All of them."""
     yield _story(
         "turtlesim_generated",
-        "TurtleSim with files from zenoh_security_tools: TLS on both sides, but access control whose subjects are "
-        "anybody. Each file restrains only its owner. By starting without its file, /random writes /high_priority "
-        "and moves the turtle itself. The router has no rules.",
+        "TurtleSim with files from zenoh_security_tools: TLS on both sides, but each file restrains only its owner, "
+        "since its subjects are anybody. By starting without its file, /random writes /high_priority and moves the "
+        "turtle itself. The router has no rules.",
         TURTLESIM,
         {each.strip("/"): _generated(each, node) for each, node in TURTLESIM.items()}
         | {"zenohd": _router_without_rules()},
@@ -44,9 +44,9 @@ def stories() -> Iterator[Story]:
     brake["cert_common_names"].append("/infotainment")
     yield _story(
         "vehicle_router",
-        "A vehicle in the form that holds, except for one name. After a test of /motor_limit, somebody left "
-        "/infotainment in the router's subject for the brake. It may do what the brake may do, and so limits the "
-        "motor; its signed permissions do not allow that.",
+        "A vehicle in the form that holds, except for one name: after a test, somebody left /infotainment in the "
+        "router's subject for the brake. It limits the motor as the brake may; its signed permissions do not allow "
+        "that.",
         VEHICLE,
         vehicle,
     )

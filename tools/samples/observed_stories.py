@@ -35,8 +35,8 @@ def _graphs() -> Iterator[Story]:
         "KA650",
         options=GRAPH,
         bad=Case(
-            "The graph, recorded with security off, shows the talker publish /chatter and its log. The permissions "
-            "allow only the log: under Enforce the talker fails when it creates its publisher.",
+            "The graph shows the talker publish /chatter and its log, but the permissions allow only the log. Under "
+            "Enforce it fails when it creates its publisher.",
             _publishing("rt/rosout"),
         ),
         good=Case("The permissions let the talker publish both.", _publishing(*SEEN)),

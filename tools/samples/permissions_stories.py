@@ -102,8 +102,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA522",
         bad=Case(
-            "The document has 64 kB (here by blanks, else by some 900 names). On Fast DDS 2.9 the talker completes "
-            "no handshake, and its process ends when it answers one.",
+            "The document has 64 kB (here by blanks, else by some 900 names). On Fast DDS 2.9 the talker's process "
+            "ends when it answers a handshake.",
             _text("  </permissions>", f"{blanks}  </permissions>"),
         ),
         good=Case("The document without the blanks.", ONE),
@@ -129,8 +129,8 @@ def _grants() -> Iterator[Story]:
     yield from pair(
         "KA519",
         bad=Case(
-            "The listener lies below the talker, as namespaces do. Cyclone DDS cuts names at every slash, and all "
-            "parts of CN=/talker are in CN=/talker/listener. So the talker may present the listener's permissions.",
+            "Cyclone DDS cuts names at every slash, and all parts of CN=/talker are in CN=/talker/listener. So the "
+            "talker may present the listener's permissions.",
             with_listener(
                 path=nested,
                 certificate=replace(LISTENER_CERTIFICATE, subject=nested),
@@ -142,8 +142,8 @@ def _grants() -> Iterator[Story]:
     yield from pair(
         "KA520",
         bad=Case(
-            "The grant has blanks in its subject: CN = /talker. Fast DDS since 2.14 finds it. Fast DDS 2.6 and "
-            "Cyclone DDS 0.10 do not, and the talker has no rights there.",
+            "The grant has blanks in its subject: CN = /talker. Fast DDS since 2.14 finds it. Under Fast DDS 2.6 "
+            "and Cyclone DDS 0.10 the talker has no rights.",
             with_grant(subject="CN = /talker"),
         ),
         good=Case("The subject has no blanks.", ONE),

@@ -50,7 +50,7 @@ def _unmanaged() -> Iterator[Story]:
         "KA660",
         bad=Case(
             "The talker's rights were narrowed to /chatter, but its earlier permissions, for every topic, are in "
-            "old/. They are validly signed and in force: a compromised talker presents them, and peers accept them.",
+            "old/. They are still valid: a compromised talker presents them, and peers accept them.",
             _kept(_WIDE),
         ),
         good=Case(
@@ -63,7 +63,7 @@ def _unmanaged() -> Iterator[Story]:
         "KA661",
         bad=Case(
             "A governance without message protection, signed for tests, lies beside the current one. Whoever can "
-            "write to a robot can replace the current one by it, without a key.",
+            "write to a robot can put it in force without a key.",
             _with("enclaves/governance.p7s.test", signed_by(PERMISSIONS_CA).smime(weaker)),
         ),
         good=Case("The only governance is the one in use.", ONE),
@@ -117,7 +117,7 @@ def _beside() -> Iterator[Story]:
         "KA668",
         bad=Case(
             "The listener's folder was moved to backup/, with its key. It is no enclave here any more, but whoever "
-            "has the tree can start it, and peers accept it.",
+            "has the tree can start it.",
             replace(ONE, changes={**kept, "backup/key.pem": LISTENER_CERTIFICATE.key.pem()}),
         ),
         good=Case("The same folder without the private key: nobody can be the listener.", replace(ONE, changes=kept)),
@@ -133,7 +133,7 @@ def _inside() -> Iterator[Story]:
         "KA669",
         bad=Case(
             "Another robot's keystore was unpacked in robot2/. Its governance protects nothing, but no rule says so "
-            "here: its peers are not those of this keystore.",
+            "here.",
             {**ONE.tree(), **other},
         ),
         good=Case(

@@ -57,8 +57,7 @@ def _halves() -> Iterator[Story]:
     yield from pair(
         "KA630",
         bad=Case(
-            "The talker may send requests to /reset but not read the answers: under Enforce its node fails when it "
-            "creates the client.",
+            "The talker may send requests to /reset but not read the answers: under Enforce its node fails.",
             _two(Rule(publish=(CHATTER, "rq/resetRequest")), _server("/reset")),
         ),
         good=Case("It may read the answers too.", _two(_client("/reset"), _server("/reset"))),
@@ -67,8 +66,8 @@ def _halves() -> Iterator[Story]:
     yield from pair(
         "KA631",
         bad=Case(
-            "The talker may use the three services of the action /dock and read its status, but not its feedback: "
-            "the action client is not created.",
+            "The talker may use the services of the action /dock and read its status, but not its feedback: the "
+            "action client is not created.",
             _two(Rule(publish=(CHATTER, *GOALS), subscribe=(*RESULTS, TOPICS[1])), serving),
         ),
         good=Case(

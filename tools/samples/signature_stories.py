@@ -68,9 +68,8 @@ def _signers() -> Iterator[Story]:
     yield from pair(
         "KA316",
         bad=Case(
-            "The permissions CA was renewed with its old key. The document names the new certificate, but the "
-            "enclave has the old one. The key fits, but OpenSSL looks for issuer and serial number and finds no "
-            "signer.",
+            "The permissions CA was renewed with its old key, and the document names the new certificate. OpenSSL "
+            "looks for issuer and serial number in the enclave's old one, and finds no signer.",
             _sealed(signed_by(renewed).smime),
         ),
         good=Case("The document names the certificate that the enclave has.", ONE),

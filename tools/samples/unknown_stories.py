@@ -19,8 +19,8 @@ def stories() -> Iterator[Story]:
     yield Story(
         directory="unknown/unreadable_enclave",
         text=(
-            "The listener's permissions.p7s is cut off inside the signature. What a robot reads in it is unknown, so "
-            "no property holds that the listener's rights could change: incomplete, exit 4."
+            "The listener's permissions.p7s is cut off inside the signature. No property that its rights could "
+            "change holds: incomplete, exit 4."
         ),
         tree=with_listener(changes={"permissions.p7s": whole[: len(whole) - 300]}).tree(),
     )
@@ -29,7 +29,7 @@ def stories() -> Iterator[Story]:
         directory="unknown/ambiguous_enclave",
         text=(
             "The listener's permissions are validly signed, but a topic has a CDATA section, which parsers read "
-            "differently. The audit does not choose: what depends on it is unknown, exit 4."
+            "differently. What depends on it is unknown: exit 4."
         ),
         tree=with_listener(permissions=ambiguous).tree(),
     )
