@@ -78,7 +78,7 @@ def engine_missing(run: EngineRun) -> Iterator[Violation]:
 _NO_ANSWER: Final = {
     EngineStatus.MISSING: "is not there",
     EngineStatus.FAILED: "failed",
-    EngineStatus.TIMEOUT: "was ended when its time was over",
+    EngineStatus.TIMEOUT: "ran out of time",
     EngineStatus.NOT_RUN: "was not run",
 }
 

@@ -78,7 +78,7 @@ def _lacking_message(found: EnclaveDrift, rights: Sequence[DriftedRight]) -> str
         why = "it has no permissions"
     elif not found.granted:
         why = "its permissions hold no grant for it"
-    return f"The policy lets {found.enclave} {names}, and {why}{_more(found.lacking.more)}."
+    return f"The policy lets {found.enclave} {names}, but {why}{_more(found.lacking.more)}."
 
 
 def _meant(action: str, name: str, right: DriftedRight) -> str:
@@ -118,7 +118,7 @@ def right_beyond_policy(drift: Drift) -> Iterator[Violation]:
             whose = "its permissions" if own else f"{quoted(documents[0])}{more(len(documents))}, which it can present,"
             verb = "let" if own or documents[1:] else "lets"
             yield Violation(
-                f"The policy does not let {enclave} {listed(_exceeding(rights))}, and {whose} {verb} it{_more(left)}.",
+                f"The policy does not let {enclave} {listed(_exceeding(rights))}, but {whose} {verb} it{_more(left)}.",
                 (*_both_lines(rights, "the policy denies it"), _introduced(found[0])),
                 enclave=enclave,
                 profiles=rights[0].profiles,

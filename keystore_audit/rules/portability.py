@@ -96,7 +96,7 @@ def deny_rule_blocks_topic(_keystore: Keystore, context: Context) -> Iterator[Vi
     yield from said(context, Cause.TOPIC_DENIED)
 
 
-_RELAY: Final = f"What <relay> gives differs ({contrasted('relay')})"
+_RELAY: Final = f"Implementations read <relay> differently ({contrasted('relay')})"
 
 
 @rule(

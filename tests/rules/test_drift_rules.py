@@ -60,7 +60,7 @@ def test_an_enclave_that_nobody_reviewed_is_high_whatever_it_may_do(held: Any) -
 @pytest.mark.parametrize(
     ("rules", "words"),
     [
-        ([allow(["rt/chatter", "rt/map"])], "publish /map (topic), and its permissions let it."),
+        ([allow(["rt/chatter", "rt/map"])], "publish /map (topic), but its permissions let it."),
         ([allow(["rt/chatter"], ["rt/chatter"])], "subscribe to /chatter (topic)"),
         ([allow(["rt/chatter", "rt/m*"])], "publish names like /m (topic)"),
         ([allow(["rt/chatter", "map"])], 'publish "map"'),
@@ -84,7 +84,7 @@ def test_no_grant_and_no_permissions_are_told_apart() -> None:
     (finding,) = spoken(keystore(enclave("/talker", permissions=other)), TALKER)
     assert finding.message.endswith("its permissions hold no grant for it.")
     found = spoken(keystore(enclave("/talker", permissions=None), LISTENER), BOTH)
-    assert [each.message.rpartition(", and ")[2] for each in found] == ["it has no permissions."]
+    assert [each.message.rpartition(", but ")[2] for each in found] == ["it has no permissions."]
 
 
 def test_implementations_that_differ_are_told_apart() -> None:
