@@ -50,8 +50,8 @@ def no_access_control(process: Process) -> Iterator[Violation]:
     whatever comes, and whoever is behind it sees only the router.
     """
     says = process.says
-    if says.starts and says.access is None and says.whole is not None and not says.undecided:
-        section = process.says.find("access_control")
+    section, enabled = says.find("access_control"), says.find("access_control", "enabled")
+    if says.starts and says.whole is not None and (enabled is None or enabled.content is not True):
         what = "is not enabled" if section is not None else "is missing"
         line = section.line if section is not None else None
         yield found(process, f"access_control of {process.name} {what}: whoever has a link may do anything.", line)

@@ -103,7 +103,7 @@ class Configuration(Struct, frozen=True, kw_only=True):
     access: AccessControl | None = None
     """None: whoever has a link may do anything."""
     undecided: bool = False
-    """Whether what its access control says is not known."""
+    """Whether what passes its links is not known."""
     secrets: tuple[int, ...] = ()
     """Lines with a password or a private key."""
     refusals: tuple[Refusal, ...] = ()
@@ -235,10 +235,12 @@ def _secrets(value: Value, name: str) -> Iterator[int]:
 def _meant(whole: Value, refusals: tuple[Refusal, ...], secrets: tuple[int, ...]) -> Configuration:
     """What a file says that is well formed."""
     unclear = [*_unclear(whole)]
+    undecided = bool(unclear)
+    unclear += _added(whole)
     refused = [*refusals]
     said = find(whole, "mode")
     mode = Mode(said.content) if said is not None else Mode.PEER
-    access, undecided = None, False
+    access = None
     try:
         access = read_access_control(find(whole, "access_control"))
     except Malformed as error:
@@ -301,9 +303,8 @@ def _said(whole: Value, name: str) -> tuple[Value, ...]:
 
 
 def _unclear(whole: Value) -> Iterator[tuple[int | None, str]]:
-    """What says that more than is known here takes part."""
+    """What says that it is not known what passes: more than its access control says, or less."""
     for path, what in (
-        (("plugins",), "plugins take part in what the process does"),
         (("namespace",), "every key of the process has a namespace in front"),
         (("gateway",), "a gateway between regions"),
         (("region_name",), "regions of the network"),
@@ -312,8 +313,15 @@ def _unclear(whole: Value) -> Iterator[tuple[int | None, str]]:
         (("transport", "auth", "usrpwd", "user"), "links are authenticated by names and passwords"),
     ):
         value = find(whole, *path)
-        if value is not None and value.content not in ((), {}):
+        if value is not None and value.content != {}:
             yield value.line, what
+
+
+def _added(whole: Value) -> Iterator[tuple[int | None, str]]:
+    """What says that more than is known here takes part."""
+    plugins = find(whole, "plugins")
+    if plugins is not None and plugins.content != {}:
+        yield plugins.line, "plugins take part in what the process does"
     loading = find(whole, "plugins_loading", "enabled")
     if loading is not None and loading.content is True:
         yield loading.line, "plugins are loaded"

@@ -83,7 +83,7 @@ class Tie(Struct, frozen=True, kw_only=True):
 def decided(process: Process, remote: Remote, kind: Kind, flow: Flow, key: Key, release: Release) -> Decision:
     """What a process lets through: asked once, on however many ways."""
     if process.says.undecided:
-        return Decision(Truth.UNKNOWN, None, "what its access control says is not known")
+        return Decision(Truth.UNKNOWN, None, "what passes its links is not known")
     for refusal in process.says.refusals:
         if not {*release.asked}.isdisjoint(refusal.releases):
             return Decision(Truth.UNKNOWN, refusal.line, f"some releases refuse the file: {refusal.reason}")

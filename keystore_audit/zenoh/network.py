@@ -128,14 +128,15 @@ class Network(Struct, frozen=True, kw_only=True, eq=False):
     ) -> Truth:
         """Whether it takes a link with the owner of the certificate, who is there to connect or to listen.
 
-        Dates of the root do not count (measured).
+        Dates of the root do not count, and a link may outlive the certificate unless the process ends it (measured).
         """
         roots = self.roots(process, endpoint)
         if roots is None or certificate is None:
             return Truth.UNKNOWN
         usable, _why = usability(certificate, self.at, purpose)
         if usable is Truth.NO:
-            return Truth.NO
+            lasting = process.says.tls(endpoint, "close_link_on_expiration")[0] is not True
+            return Truth.UNKNOWN if lasting and self.at > certificate.not_after else Truth.NO
         issues = {issued_by(certificate, root) for root in roots}
         issued = any_of(
             Truth.YES if issue is Issue.ISSUED else Truth.UNKNOWN if issue is Issue.UNSUPPORTED else Truth.NO
@@ -156,6 +157,8 @@ def usability(certificate: Certificate, at: datetime, *purposes: str) -> tuple[T
     kind = certificate.key_kind
     if kind in _KEYS_REFUSED:
         return Truth.NO, f"its key is {kind}"
+    if common_name(certificate) is None:
+        return Truth.UNKNOWN, "it has no common name, and some releases take none such"
     rsa = kind.startswith("RSA ") and kind[4:].isdecimal() and int(kind[4:]) >= 2048
     return (Truth.YES, "") if rsa or kind in _KEYS else (Truth.UNKNOWN, f"nothing is known of its key, {kind}")
 
@@ -168,7 +171,8 @@ class NamedFiles:
         self.owners: dict[str, Enclave] = {}
         self._keys: dict[str, Enclave | None] = {file.path: None for file in keystore.layout.authority_keys}
         for file in keystore.authorities:
-            self._certificates[file.file.path] = self._certificates[file.file.place] = file
+            named = [each.path for each in keystore.layout.authorities if each.place == file.file.place]
+            self._certificates |= dict.fromkeys((file.file.path, file.file.place, *named), file)
         for enclave in keystore.enclaves:
             files = enclave.files.files
             self._keys[files[Role.KEY].path] = enclave

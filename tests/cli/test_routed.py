@@ -169,6 +169,24 @@ def test_what_cannot_be_told_denies_nothing(keystore_audit: Run, keys: Path, net
     assert done.returncode == 4
 
 
+PASSWORDS = {"auth": {"usrpwd": {"user": "a", "password": "b"}}}
+
+
+@pytest.mark.parametrize(
+    ("more", "effective"),
+    [({"plugins": {"rest": {}}}, "allow"), ({"namespace": "robot1"}, "unknown"), (PASSWORDS, "unknown")],
+)
+def test_where_less_may_pass_nothing_is_allowed_for_certain(
+    keystore_audit: Run, keys: Path, network: Network, more: Any, effective: str
+) -> None:
+    """Plugins let no less through."""
+    listener = peer("listener", **tool("", "chatter"), **tls(keys, "listener"))
+    listener |= {"transport": {**listener["transport"], **more}} if more is PASSWORDS else more
+    folder = network(talker=peer("talker", **tool("chatter")), listener=listener)
+    asks = ("/random", "publish", "/chatter")
+    assert both(keystore_audit, keys, folder, *asks)[1] == effective
+
+
 def test_usage(keystore_audit: Run, keys: Path, network: Network, tmp_path: Path) -> None:
     folder = network(talker=peer("talker", **tool("chatter")))
     empty = tmp_path / "empty"

@@ -104,6 +104,10 @@ WRONG: Mapping[str, tuple[Change, set[str]]] = {
         lambda root: {"listener": changed(root, "listener", **access(({}, TAKES), enabled=False))},
         {"KA804 high"},
     ),
+    "passwords alone": (
+        lambda _root: {"more": {**session(), "transport": {"auth": {"usrpwd": {"user": "a", "password": "b"}}}}},
+        {"KA804 high", "KA825 critical", "KA826 high", "KA824 high"},
+    ),
     "allows": (
         lambda root: {
             "listener": changed(root, "listener", **access(({"cert_common_names": ["/named"]}, TAKES), default="allow"))

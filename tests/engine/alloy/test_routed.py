@@ -25,7 +25,7 @@ from tests.amount import tried
 from tests.cli.keystores import run_at
 from tests.engine.alloy_batch import outcomes, shipped
 from tests.oracles.zenoh import deployment
-from tests.oracles.zenoh.cases import Case
+from tests.oracles.zenoh.case import Case
 from tests.oracles.zenoh.deployment import Configuration
 from tests.oracles.zenoh.test_flows import flows
 from tests.oracles.zenoh.test_random import NAMES, deployed

@@ -17,7 +17,7 @@ from keystore_audit.zenoh.flow import walks
 from keystore_audit.zenoh.participants import OUTSIDER, End, NetworkFlows, Question
 from tests.cli.test_routed_flow import NOTHING, gives, takes
 from tests.keystore.builder import sros2
-from tests.oracles.zenoh.cases import Case
+from tests.oracles.zenoh.case import Case
 from tests.oracles.zenoh.deployment import Configuration, access, allow, deny, session, tls
 from tests.oracles.zenoh.test_flows import flows
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime
 from pathlib import Path
 
 from keystore_audit.keystore.keystore import Keystore
@@ -14,7 +15,7 @@ from keystore_audit.profiles import ROUTED, Release
 from keystore_audit.zenoh.access_control import Key, Kind, Meant
 from keystore_audit.zenoh.links import Links, Message, find_way
 from keystore_audit.zenoh.network import read_network
-from tests.oracles.zenoh.cases import Case
+from tests.oracles.zenoh.case import Case
 from tests.oracles.zenoh.deployment import NOW, written
 
 SECONDS = 60
@@ -28,7 +29,8 @@ def real(case: Case, python: str = sys.executable, patience: int = 1) -> str:
     order = sorted(case.sessions, key=lambda name: bool(case.sessions[name]["connect"]["endpoints"]))
     asked = {
         "sessions": {name: written(each) for name, each in case.sessions.items()},
-        **{name: getattr(case, name) for name in ("who", "whom", "does", "key", "at")},
+        **{name: getattr(case, name) for name in ("who", "whom", "does", "key", "at", "wire", "override")},
+        "after": case.after.timestamp() if case.after is not None else 0,
         "order": order,
         "patience": patience,
     }
@@ -63,16 +65,18 @@ _MESSAGES: dict[str, Callable[[Key, Key], tuple[Message, ...]]] = {
     "answer": lambda key, at: (
         Message(Kind.SERVE, True, key), Message(Kind.QUERY, False, at), Message(Kind.REPLY, True, at),
     ),
+    "see": lambda key, at: (Message(Kind.TOKEN_SUBSCRIBE, True, key), Message(Kind.TOKEN, False, at)),
     "token": lambda key, at: (Message(Kind.TOKEN, True, key), Message(Kind.TOKEN_SUBSCRIBE, False, at)),
 }  # fmt: skip
+_MESSAGES["ask"] = _MESSAGES["get"]
 
 
-def ours(case: Case, keystore: Keystore, folder: Path, release: Release = NEWEST) -> str:
-    """What we say of the files of the case."""
+def ours(case: Case, keystore: Keystore, folder: Path, release: Release = NEWEST, at: datetime = NOW) -> str:
+    """What we say of the files of the case, at an aware instant."""
     for name in case.files:
         folder.mkdir(exist_ok=True)
         (folder / f"{name}.json5").write_text(written(case.sessions[name]), "utf-8")
-    network = read_network(folder, keystore, NOW)
+    network = read_network(folder, keystore, at)
     if any(not each.says.starts for each in network.processes):
         return "error"
     links = Links(network)
@@ -88,4 +92,4 @@ def ours(case: Case, keystore: Keystore, folder: Path, release: Release = NEWEST
         way = find_way(links, begins, messages, lambda each: each is ends, release, certain=certain)  # noqa: B023
         if way is not None:
             return "yes" if certain else "unknown"
-    return "no"
+    return "unknown" if network.doubts else "no"

@@ -2,36 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from msgspec import Struct
-
-from tests.oracles.zenoh.deployment import ALL, Configuration, access, allow, deny, session, tls, tool
-
-K = "0/chatter/T/H"
-
-
-class Case(Struct, frozen=True):
-    """`who` does something on `key`, and `whom` is at `at`. `as_if`: whose certificate `who` has if no file counts.
-
-    `to`: the only one that an attacker really connects to. `sessions`: what really starts. `files`: those of them that
-    restrain; others are an attacker's. `ours`: what we say, where that is not what was measured: unknown.
-    """
-
-    name: str
-    measured: str
-    sessions: Mapping[str, Configuration]
-    files: tuple[str, ...]
-    who: str
-    whom: str
-    does: str = "put"
-    key: str = K
-    at: str = K
-    as_if: str | None = None
-    ours: str | None = None
-    to: str | None = None
+from tests.oracles.zenoh.case import Case, K
+from tests.oracles.zenoh.deployment import Configuration, access, allow, deny, session, tls, tool
+from tests.oracles.zenoh.meshes import meshes
 
 
 def cases(root: Path, port: int) -> Iterator[Case]:
@@ -40,12 +17,12 @@ def cases(root: Path, port: int) -> Iterator[Case]:
         (
             *_links(root),
             *_names(root),
+            *_users(root),
+            *_namespaced(),
             *_routers(),
+            *_admin(),
             *_tools(),
-            *_meshes(root),
-            *_modes(),
-            *_announced(root),
-            *_impostors(root),
+            *meshes(root),
         )
     ):
         yield make(f"127.0.0.1:{port + 3 * number}", f"127.0.0.1:{port + 3 * number + 1}")
@@ -98,6 +75,9 @@ def _links(root: Path) -> Iterator[Any]:
     limited["transport"]["link"]["protocols"] = ["tls"]
     yield link("A26", "error", None, limited, {}, protocol="tcp")
     yield link("A38", "yes", None, fragment="#enable_mtls=false")
+    for name, root_of in (("A29", "aged"), ("A30", "flagless")):
+        other_root = {"root_ca_certificate": f"{root / 'enclaves' / root_of / 'identity_ca.cert.pem'}"}
+        yield link(name, "yes", "random", tls(root, "listener", **other_root), tls(root, "random", **other_root))
 
 
 def _names(root: Path) -> Iterator[Any]:
@@ -121,7 +101,7 @@ def _names(root: Path) -> Iterator[Any]:
     yield named("B03", "no", one(["/*"]))
     yield named("B04", "no", one(["/Random"]))
     yield named("B05", "no", one(["/random"]), who="nameless")
-    yield named("B06", "yes", one(None), who="nameless")
+    yield named("B06", "yes", one(None), who="nameless", ours="unknown")  # older releases take none such
     yield named("B09", "yes", one(["/random"]), who="twin")
     yield named("B10", "no", one(["/random"], usernames=["alice"]), ours="unknown")
     yield named("B11", "yes", one(["/talker", "/random"]))
@@ -142,6 +122,43 @@ def _names(root: Path) -> Iterator[Any]:
     yield named("C19", "yes", access(denied, default="allow"), key="**")
     yield named("C20", "yes", access(denied, ({}, []), default="allow"))
     yield named("C21", "no", access(denied, default="allow"))
+
+
+def _users(root: Path) -> Iterator[Any]:
+    """Names and passwords at a router, of which nothing is known to us: `users` in the keystore has them."""
+    put = [allow(K, "put"), allow("0/**", "declare_subscriber")]
+    alice = access(({"usernames": ["alice"]}, put), ({"usernames": ["reader"]}, put))
+    for name, measured, user, section in (
+        ("B24", "yes", ("alice", "1"), {}), ("B25", "no", ("alice", "2"), {}), ("B26", "no", None, {}),
+        ("B27", "yes", ("alice", "1"), alice), ("B28", "no", ("bob", "2"), alice),
+    ):  # fmt: skip
+
+        def make(a: str, _b: str, name: str = name, said: str = measured, user: Any = user, own: Any = section) -> Case:
+            asking = {"transport": {"auth": {"usrpwd": {"dictionary_file": f"{root / 'users'}"}}}}
+            router = session("router", listen=[f"tcp/{a}"], **asking, **own)
+            theirs = session(connect=[f"tcp/{a}"], **_known("reader", "3"))
+            mine = session(connect=[f"tcp/{a}"], **(_known(*user) if user is not None else {}))
+            there = {"router": router, "whom": theirs, "who": mine}
+            return Case(name, said, there, ("router", "whom"), "who", "whom", ours="unknown")
+
+        yield make
+
+
+def _namespaced() -> Iterator[Any]:
+    """Sessions whose keys have a namespace in front, which rules see; to us what passes them is not known."""
+    for name, measured, written in (("E25", "no", "0/chatter/**"), ("E26", "yes", "robot1/0/chatter/**")):
+
+        def make(a: str, _b: str, name: str = name, said: str = measured, keys: str = written) -> Case:
+            router = session("router", listen=[f"tcp/{a}"], **access(({}, [allow(keys)])))
+            own = session(connect=[f"tcp/{a}"], namespace="robot1")
+            there = {"router": router, "whom": own, "who": own}
+            return Case(name, said, there, (*there,), "who", "whom", ours="unknown")
+
+        yield make
+
+
+def _known(user: str, password: str) -> Configuration:
+    return {"transport": {"auth": {"usrpwd": {"user": user, "password": password}}}}
 
 
 def _routers() -> Iterator[Any]:
@@ -190,9 +207,31 @@ def _routers() -> Iterator[Any]:
     token = "@ros2_lv/0/z/0"
     yield routed("E07", "no", everybody(("allow", [*_TOKENS], None, ["**"])), "token", token, token)
     yield routed("E13", "yes", everybody(("allow", [*_TOKENS], None, ["@ros2_lv/0/**"])), "token", token, token)
+    yield routed("G09", "no", everybody(deny(K, "put"), default="allow"))
+    unsaid = everybody(allow("0/other/**"), allow("0/**", "declare_subscriber"))
+    del unsaid["access_control"]["default_permission"]
+    yield routed("G22", "no", unsaid)
+    unnamed = everybody(allow("0/other/**"), deny(K, "put"), default="allow")
+    unnamed["access_control"]["policies"][0]["rules"].pop()
+    yield routed("G23", "yes", unnamed)
     yield routed("G21", "yes", access(({}, [deny("0/**")]), enabled=False))
     yield routed("G24", "yes", access(({}, [deny("0/**")]), default="allow", policies=[]))
     yield routed("G25", "no", access(({}, [allow("0/**")]), policies=[]))
+
+
+def _admin() -> Iterator[Any]:
+    """Whether somebody reads what a router says of itself. We tell who may ask it, not whether it says anything."""
+    open_space = {"adminspace": {"enabled": True}}
+    for name, measured, section in (
+        ("E12", "yes", open_space), ("E14", "yes", {**open_space, **access(({}, [deny("**")]), default="allow")}),
+        ("E17", "no", {}), ("E18", "no", {"adminspace": {"enabled": False}}),
+    ):  # fmt: skip
+
+        def make(a: str, _b: str, name: str = name, said: str = measured, section: Configuration = section) -> Case:
+            there = {"whom": session("router", listen=[f"tcp/{a}"], **section), "who": session(connect=[f"tcp/{a}"])}
+            return Case(name, said, there, ("whom",), "who", "whom", "ask", "@/**", "@/**", ours="yes")
+
+        yield make
 
 
 _TOKENS = ("liveliness_token", "liveliness_query", "declare_liveliness_subscriber")
@@ -238,140 +277,4 @@ def _tools() -> Iterator[Any]:
     yield made("D45", "yes", listener, None, router=True)
     yield made("D46", "no", listener, tool(publish="other"), router=True)
     yield made("E24", "yes", listener, None, "token", "@ros2_lv/0/z/0", "@ros2_lv/0/z/0")
-
-
-def _meshes(root: Path) -> Iterator[Any]:
-    """Certificates, a router and peers."""
-
-    def meshed(
-        name: str, measured: str, who: str, *, router: Configuration | None = None, whom: Configuration | None = None,
-        mode: str = "client", gossip: bool = False, does: str = "put", key: str = K, honest: bool = False,
-        of: str = "listener",
-    ) -> Any:  # fmt: skip
-        def make(a: str, b: str) -> Case:
-            shared: dict[str, Any] = {"connect": [f"tls/{a}"], "gossip": gossip}
-            listens = {"listen": [f"tls/{b}"]} if mode == "peer" else {}
-            there = {
-                "router": session(
-                    "router", listen=[f"tls/{a}"], gossip=gossip, **tls(root, "zenohd"), **(router or {})
-                ),
-                "whom": session(mode, **shared, **listens, **tls(root, of), **(whom or {})),
-                "who": session(mode, **shared, **({"listen": ["tls/127.0.0.1:0"]} if mode == "peer" else {}),
-                               **tls(root, who)),
-            }  # fmt: skip
-            files = ("router", "whom", "who") if honest else ("router", "whom")
-            return Case(name, measured, there, files, "who", "whom", does, key, as_if=who)
-
-        return make
-
-    talker, listener = {"cert_common_names": ["/talker"]}, {"cert_common_names": ["/listener"]}
-    sends = [allow(K, "put", flows=["ingress"]), allow(K, "declare_subscriber", flows=["egress"])]
-    takes = [allow(K, "put", flows=["egress"]), allow(K, "declare_subscriber", flows=["ingress"])]
-    star = access((talker, sends), (listener, takes))
-    everything = access(({}, [deny("0/**")]))
-    yield meshed("D04", "no", "random", router=everything, honest=True)
-    yield meshed("D02", "yes", "random", router=everything, mode="peer", gossip=True, honest=True)
-    yield meshed("D05", "no", "random", mode="peer", honest=True)
-    yield meshed("D35", "no", "random", router=star)
-    yield meshed("D36", "yes", "talker", router=star)
-    yield meshed("D37", "no", "random", router=star, does="read", of="talker")
-    yield meshed("D37-listener", "yes", "listener", router=star, does="read", of="talker")
-    yield meshed("D38", "no", "random", router=star, does="read", key="**", of="talker")
-    yield meshed("D40", "yes", "random", router=star, whom=tool(subscribe="chatter"), mode="peer", gossip=True)
-    yield meshed("D39", "yes", "random", router=star, mode="peer", gossip=True)
-    yield meshed("D21", "no", "talker", whom=access((talker, [allow("0/**")])))
-    through = access(({"cert_common_names": ["/zenohd"]}, [allow("0/**")]))
-    yield meshed("D22", "yes", "random", whom=through)
-    yield meshed("D42", "no", "random", whom=access((talker, [allow("0/**")])), mode="peer", gossip=True)
-    yield meshed("D43", "yes", "talker", whom=access((talker, [allow("0/**")])), mode="peer", gossip=True)
-
-
-def _modes() -> Iterator[Any]:
-    """Who passes on: three sessions in a row, the second of which listens; and what a receiver has to say."""
-    for first, second, third, measured in (
-        ("client", "peer", "peer", "yes"), ("client", "peer", "client", "yes"), ("peer", "peer", "peer", "no"),
-        ("peer", "peer", "client", "yes"), ("client", "router", "peer", "yes"), ("peer", "router", "client", "yes"),
-        ("peer", "router", "peer", "no"), ("router", "router", "peer", "yes"), ("router", "peer", "peer", "no"),
-    ):  # fmt: skip
-
-        def make(a: str, _b: str, modes: tuple[str, str, str] = (first, second, third), said: str = measured) -> Case:
-            ends = [{} if mode == "client" else {"listen": ["tcp/127.0.0.1:0"]} for mode in modes]
-            there = {
-                "between": session(modes[1], listen=[f"tcp/{a}"]),
-                "whom": session(modes[2], connect=[f"tcp/{a}"], **ends[2]),
-                "who": session(modes[0], connect=[f"tcp/{a}"], **ends[0]),
-            }
-            return Case(f"P-{'-'.join(modes)}", said, there, tuple(there), "who", "whom")
-
-        yield make
-    for mode, measured in (("client", "yes"), ("peer", "no")):
-
-        def silent(a: str, _b: str, mode: str = mode, said: str = measured) -> Case:
-            section = access(({}, [deny(K, "declare_subscriber", flows=["egress"])]), default="allow")
-            theirs = session("peer", listen=[f"tcp/{a}"], **section)
-            mine = session(mode, connect=[f"tcp/{a}"])
-            return Case(f"S-{mode}", said, {"whom": theirs, "who": mine}, ("whom", "who"), "who", "whom")
-
-        yield silent
-    for mode, measured in (("client", "no"), ("peer", "no"), ("router", "yes")):
-
-        def listening(a: str, _b: str, mode: str = mode, said: str = measured) -> Case:
-            """A peer hears of no reader: it sends to a router all the same."""
-            theirs = session("peer", listen=[f"tcp/{a}"], **access(({}, [allow(K, "put", flows=["egress"])])))
-            ends = {} if mode == "client" else {"listen": ["tcp/127.0.0.1:0"]}
-            mine = session(mode, connect=[f"tcp/{a}"], **ends)
-            return Case(f"R-{mode}", said, {"whom": theirs, "who": mine}, ("whom",), "who", "whom", "read")
-
-        yield listening
-
-
-def _announced(root: Path) -> Iterator[Any]:
-    """A peer with TLS hears of a plain address: by gossip of the router, or by multicast of anybody."""
-    anybody = access(({"link_protocols": ["tcp"]}, [allow("0/**")]))
-    for name, limited, scouted, measured in (
-        ("N1", False, False, "yes"),
-        ("N2", True, False, "no"),
-        ("N3", False, True, "yes"),
-        ("N4", True, True, "no"),
-    ):
-
-        def make(
-            a: str, b: str, name: str = name, limited: bool = limited, scouted: bool = scouted, said: str = measured
-        ) -> Case:
-            secured = tls(root, "listener")
-            secured["transport"]["link"] |= {"protocols": ["tls"]} if limited else {}
-            scouting = {"scouting": {"multicast": {"enabled": scouted}, "gossip": {"enabled": True}}}
-            ends = {} if scouted else {"connect": [f"tls/{a}"]}
-            theirs = session("peer", listen=["tls/127.0.0.1:0"], **ends, **secured, **anybody)
-            mine = session("peer", listen=[f"tcp/{b}"], **ends, **({} if scouted else tls(root, "random")))
-            there = {"whom": theirs | scouting, "who": mine | scouting}
-            there |= (
-                {}
-                if scouted
-                else {"router": session("router", listen=[f"tls/{a}"], gossip=True, **tls(root, "zenohd"))}
-            )
-            files = tuple(each for each in there if each != "who")
-            return Case(name, said, there, files, "who", "whom", as_if=None if scouted else "random")
-
-        yield make
-
-
-def _impostors(root: Path) -> Iterator[Any]:
-    """Somebody waits where a session takes him for its router, unchecked: its rules go by the name that he shows."""
-    rules = [allow("0/**", *ALL)]
-    for name, mode, who, does, measured in (
-        ("I1", "client", "named", "put", "yes"), ("I2", "client", "random", "put", "no"),
-        ("I3", "client", "named", "read", "yes"), ("I4", "client", "random", "read", "no"),
-        ("I5", "peer", "random", "put", "no"), ("I6", "peer", "random", "read", "no"),
-        ("I7", "client", "random", "answer", "no"), ("I8", "client", "random", "get", "no"),
-    ):  # fmt: skip
-
-        def make(
-            a: str, _b: str, name: str = name, mode: str = mode, who: str = who, does: str = does, said: str = measured
-        ) -> Case:
-            own = access(({"cert_common_names": ["/named"]}, rules))
-            theirs = session(mode, connect=[f"tls/{a}"], **tls(root, "listener"), **own)
-            mine = session("router", listen=[f"tls/{a}"], **tls(root, who))
-            return Case(name, said, {"whom": theirs, "who": mine}, ("whom", "who"), "who", "whom", does)
-
-        yield make
+    yield made("E09", "yes", talker, None, "see", "@ros2_lv/0/**", "@ros2_lv/0/z/0")

@@ -48,6 +48,13 @@ MISNAMED: Mapping[str, Mapping[str, Any]] = {
 """And those whose names are odd, which no permissions grant anything."""
 
 
+ROOTS: Mapping[str, Mapping[str, Any]] = {
+    "aged": {"identity_ca": {"end": _PAST}},
+    "flagless": {"identity_ca": {"ca": None}},
+}
+"""And those whose copy of the identity CA is one of its key, and otherwise odd."""
+
+
 _GRANTED = "<publish><topics><topic>rt/chatter</topic></topics></publish>"
 _ALL_TOPICS = "".join(f"<{each}><topics><topic>rt/*</topic></topics></{each}>" for each in ("publish", "subscribe"))
 
@@ -58,9 +65,12 @@ def keystore(root: Path, odd: Mapping[str, Mapping[str, Any]] = ODD, **authority
     foreign = builder.authority("foreign")
     for name in ("talker", "listener", "random", "zenohd", "foreign", *odd):
         made = {"subject": f"/{name}", **odd.get(name, {})}
+        root_ca = identity
+        if (changed := made.pop("identity_ca", None)) is not None:
+            root_ca = builder.certificate(identity.certificate.subject, key=identity.key, **{"ca": True, **changed})
         own = builder.certificate(issuer=foreign if name == "foreign" else identity, **made)
         document = builder.PERMISSIONS.format(name=f"/{name}").replace(_GRANTED, _ALL_TOPICS).encode()
-        builder.write_enclave(root / "enclaves" / name, own, document, identity, identity, builder.GOVERNANCE)
+        builder.write_enclave(root / "enclaves" / name, own, document, root_ca, identity, builder.GOVERNANCE)
     return root
 
 

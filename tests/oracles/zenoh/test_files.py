@@ -50,7 +50,7 @@ FILES = {
     "G17": (ruled(actions=["put"]), False),
     "G18": (section(subjects=[{"id": "s", "cert_common_name": ["/a"]}]), False),
     "G20": ('{"transport": {"link": {"tls": {"enable_mTLS": true}}}}', False),
-    "G23": (section(policies=[]), True),
+    "no policies": (section(policies=[]), True),
     "G26": (section(policies=[{"rules": [], "subjects": ["s"]}]), False),
     "G27": (ruled(key_exprs=["0/foo*/**"]), False),
     "G28": (ruled(key_exprs=["0//a"]), False),

@@ -23,7 +23,7 @@ from tests.amount import tried
 from tests.keystore.builder import sros2
 from tests.oracles.zenoh import deployment
 from tests.oracles.zenoh.asking import real_answers
-from tests.oracles.zenoh.cases import Case
+from tests.oracles.zenoh.case import Case
 from tests.oracles.zenoh.deployment import NOW, Rule, access, allow, session, tls, written
 from tests.oracles.zenoh.test_random import deployed
 

@@ -14,7 +14,7 @@ from keystore_audit.keystore.keystore import read_keystore
 from tests.amount import tried
 from tests.oracles.zenoh import deployment
 from tests.oracles.zenoh.asking import ours, real_answers
-from tests.oracles.zenoh.cases import Case, K
+from tests.oracles.zenoh.case import Case, K
 from tests.oracles.zenoh.deployment import Configuration, access, allow, deny, session, tls
 
 FIRST_PORT = 23000

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.oracles.zenoh.asking import real_answers
-from tests.oracles.zenoh.cases import Case
+from tests.oracles.zenoh.case import Case
 
 SAMPLES = Path(__file__).resolve().parents[3] / "sample_keystores"
 FIRST_PORT = 20500

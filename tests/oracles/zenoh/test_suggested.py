@@ -9,7 +9,7 @@ import pytest
 
 from tests.cli.keystores import answer, keystore, rule
 from tests.oracles.zenoh.asking import real_answers
-from tests.oracles.zenoh.cases import Case
+from tests.oracles.zenoh.case import Case
 
 FIRST_PORT = 20440
 pytestmark = pytest.mark.xdist_group("sessions")  # ports and time: one worker for all
