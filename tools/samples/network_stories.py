@@ -43,6 +43,9 @@ PAIR = replace(
 )
 """/talker and /listener, whose certificates name the host."""
 
+NEXT_CA = Certificate(key=Key(label="rules next identity CA"), subject="identityCA", ca=True, path_length=1)
+"""That all identities may be made by anew."""
+
 WITH_RANDOM = replace(PAIR, enclaves=(*PAIR.enclaves, _third("/random", Rule(publish=("rt/random",)))))
 WITH_ROUTER = replace(PAIR, enclaves=(*PAIR.enclaves, _third("/zenohd", Rule(publish=("rt/zenohd",)))))
 
@@ -176,7 +179,7 @@ def stories() -> Iterator[Story]:
         (
             "KA817",
             "/talker names a certificate that is not in the keystore.",
-            {"talker": talker(transport=tls("talker", connect_certificate=f"{KEYSTORE}/enclaves/talkr/cert.pem"))},
+            {"talker": talker(transport=tls("talker", listen_certificate=f"{KEYSTORE}/enclaves/talkr/cert.pem"))},
         ),
         (
             "KA820",
@@ -246,7 +249,8 @@ def stories() -> Iterator[Story]:
         Case(both, PAIR, ("--env", "environments/right.env")),
     )
     stolen = "/talker has a list that revokes a stolen identity, but every link accepts it."
-    yield from _in_one_folder("KA814", Case(stolen, _with_list(STOLEN)), Case("The list is empty.", _with_list()))
+    anew = "All identities are new, under another CA. Its list is empty."
+    yield from _in_one_folder("KA814", Case(stolen, _with_list(PAIR, STOLEN)), Case(anew, _with_list(_anew())))
 
 
 def _any(name: str) -> Configuration:
@@ -256,10 +260,20 @@ def _any(name: str) -> Configuration:
     return made
 
 
-def _with_list(*revoked: Certificate) -> Store:
+def _with_list(store: Store, *revoked: Certificate) -> Store:
     """The talker has a revocation list."""
-    talking, listening = PAIR.enclaves
-    return replace(PAIR, enclaves=(replace(talking, changes={"crl.pem": revocation_list(*revoked)}), listening))
+    talking, listening = store.enclaves
+    listed = revocation_list(*revoked, issuer=store.identity_ca)
+    return replace(store, enclaves=(replace(talking, changes={"crl.pem": listed}), listening))
+
+
+def _anew() -> Store:
+    """PAIR with other identities, which another CA makes."""
+    enclaves = (
+        replace(each, certificate=replace(each.certificate, issuer=NEXT_CA, key=Key(label=f"rules next {each.path}")))
+        for each in PAIR.enclaves
+    )
+    return replace(PAIR, identity_ca=NEXT_CA, enclaves=(*enclaves,))
 
 
 def _restrained() -> Iterator[Story]:

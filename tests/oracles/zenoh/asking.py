@@ -22,6 +22,8 @@ SECONDS = 60
 TOGETHER = 6
 """Processes at a time: they wait more than they work."""
 NEWEST = ROUTED["zenoh-1.7"]
+OLDER = {"1.4.0": "zenoh-1.4", "1.6.2": "zenoh-1.6", "1.7.2": "zenoh-1.7"}
+"""Older releases, of which `make test-long` makes environments, and their profiles."""
 
 
 def real(case: Case, python: str = sys.executable, patience: int = 1) -> str:

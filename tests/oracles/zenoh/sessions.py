@@ -71,7 +71,7 @@ def tapped(port: int, real: int) -> list[bytes]:
 
 def linked(one: zenoh.Session, other: zenoh.Session) -> bool:
     """Whether one has a link to the other; of clients none are told."""
-    return other.info.zid() in (*one.info.peers_zid(), *one.info.routers_zid())
+    return f"{other.info.zid()}" in map(str, (*one.info.peers_zid(), *one.info.routers_zid()))
 
 
 def done(who: zenoh.Session, whom: zenoh.Session, does: str, key: str, at: str, patience: int) -> bool:

@@ -23,20 +23,19 @@ from tests.amount import SHARE
 from tests.cli.keystores import answer
 from tests.keystore.builder import sros2
 from tests.oracles.zenoh import deployment
-from tests.oracles.zenoh.asking import NEWEST, ours, real, real_answers
+from tests.oracles.zenoh.asking import NEWEST, OLDER, ours, real, real_answers
 from tests.oracles.zenoh.case import Case, K
 from tests.oracles.zenoh.cases import cases
 from tests.oracles.zenoh.deployment import access, allow, deny, session, tls
 from tests.oracles.zenoh.test_files import FILES
 
 FIRST_PORT = 21000
-OLDER = {"1.4.0": "zenoh-1.4", "1.6.2": "zenoh-1.6", "1.7.2": "zenoh-1.7"}
-"""Releases and their profiles. Where one does something else than the newest:"""
 OTHERWISE = {
     **{(name, "1.4.0"): "error" for name in ("B21", "B22")},
     **{(name, old): "no" for name in ("E02", "E22") for old in ("1.4.0", "1.6.2")},
     **{("B06", old): "no" for old in OLDER},
 }
+"""What an older release does that the newest does not."""
 BY_CHANCE = {"1.4.0": {"B16", "C09", "C10", "C20"}}
 """Cases of which a release does one thing or the other, from run to run."""
 RECORDED = {"A24": "no", "A27": "yes", "A28": "no", "A37": "yes", "D14": "yes", "G34": "yes"}
