@@ -3,10 +3,10 @@
  *
  * As read by spec.
  * What could not be read is left out. The audit instant is 2021-12-31T00:00:00Z.
- * Above each atom stands what it is in the keystore, and where; what functions mean, `dds_security` says.
- * A channel is called by one of its names, and stands for all names that no document tells apart from it.
- * ROS 2 topics begin with `rt/`; a service is two topics, which begin with `rq/` and `rr/`. `DDS only`: in
- * this channel lies no name of ROS 2.
+ * Above each atom is what it is in the keystore, and where. `dds_security` says what functions mean.
+ * A channel has one of its names, and stands for all names that no document tells apart from it.
+ * ROS 2 topics begin with `rt/`; a service is two topics, which begin with `rq/` and `rr/`. `DDS only` means
+ * that no ROS 2 name is in this channel.
  */
 module keystore
 open dds_security

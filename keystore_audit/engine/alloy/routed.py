@@ -110,15 +110,15 @@ check NothingGetsThrough for 0
 
 
 _WINDOW: Final = f"""/**
- * For checks of your own about a network: `routing` says what the words mean, comments in `network` who is who. With
- * `for 0` each is a proof about these files, for nothing is left out that may be. Nothing of Participant0 comes to
- * Participant1
+ * For your own checks about a network: `routing` says what the words mean, comments in `network` who is who. With
+ * `for 0` each check is a proof about these files, since nothing is left out that may be. These say that nothing of
+ * Participant0 comes to Participant1:
  *
  *   check {{ Participant1 not in Participant0.^tells }} for 0              if nobody attacks
- *   check {{ Participant1 not in Participant0.(tells + forges).*tells }} for 0    if that one does
- *   check {{ Participant1 not in Participant0.^(middle.told) }} for 0      if everybody does
+ *   check {{ Participant1 not in Participant0.(tells + forges).*tells }} for 0    if Participant0 attacks
+ *   check {{ Participant1 not in Participant0.^(middle.told) }} for 0      if everybody attacks
  *
- * on topics apart from those that nearly every node uses.
+ * They leave out topics that nearly every node uses.
  */
 module asked
 open routing
