@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # most audits are told no zone
 
 
 UNREPRESENTABLE: Final = datetime(1969, 12, 31, 23, 59, 59, tzinfo=timezone.utc)
-"""What `mktime` returns for a local time that does not exist, -1, when nobody looks whether it is an error."""
+"""What `mktime` returns for a local time that does not exist: -1, if nobody checks whether it is an error."""
 
 _STEP: Final = timedelta(seconds=601_200)
 """The stride in which `mktime` looks for standard time: it is no longer than the shortest such period ever was."""
@@ -114,10 +114,10 @@ _HOUR: Final = timedelta(hours=1)
 
 _NANOSECONDS: Final = 10**9
 _LAST_NANOSECOND: Final = 2**63 - 1
-"""Of Cyclone DDS, counted from 1970 on: it belongs to 2262-04-11T23:47:16Z."""
+"""The last nanosecond of Cyclone DDS, counted from 1970 on: it belongs to 2262-04-11T23:47:16Z."""
 
 _MAX_DIGITS: Final = 12
-"""Of a fraction of a second on Cyclone DDS."""
+"""Most digits of a fraction of a second on Cyclone DDS."""
 
 _BLANKS: Final = " \t\n\v\f\r"
 """White space in C."""
@@ -223,7 +223,7 @@ def _moved(instant: datetime, by: timedelta) -> datetime:
 
 
 def _xsd(text: str) -> datetime | None:
-    """An xs:dateTime of the years 1 to 9999; None for everything else."""
+    """An xs:dateTime of the years 1 to 9999; None for all else."""
     date = _DATE_TIME.fullmatch(text.strip(_BLANKS))
     if date is None or date["sign"] == "Z":
         return None
@@ -245,13 +245,13 @@ def _calendar(date: re.Match[str], hour: int) -> datetime:
 
 
 def _fraction(date: re.Match[str]) -> timedelta:
-    """Of a second. What is less than a microsecond counts as one: a fraction is never a whole second."""
+    """The fraction of a second. Less than a microsecond counts as one: a fraction is never a whole second."""
     digits = date["fraction"] or "0"
     return timedelta(microseconds=int(digits.ljust(6, "0")[:6]) or int(digits.strip("0") != ""))
 
 
 def _offset(date: re.Match[str], most: timedelta) -> timedelta | None:
-    """The zone's distance from UTC; None for more than `most`, and for minutes that are none."""
+    """The zone's distance from UTC; None for more than `most`, and for impossible minutes."""
     if date["sign"] is None:
         return timedelta()
     offset = timedelta(hours=int(date["hours"]), minutes=int(date["minutes"]))
@@ -273,7 +273,7 @@ def _unreadable_is_past(text: str) -> Dated | None:
 
 
 def _nanoseconds(date: re.Match[str]) -> int | None:
-    """Since 1970, as `DDS_Security_parse_xml_date` counts them; None where it reports an error."""
+    """Nanoseconds since 1970, as `DDS_Security_parse_xml_date` counts them; None where it reports an error."""
     digits, offset = date["fraction"] or "", _offset(date, 12 * _HOUR)
     try:
         seconds = (_calendar(date, int(date["hour"])) - _EPOCH) // SECOND

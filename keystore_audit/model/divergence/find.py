@@ -99,7 +99,7 @@ def divergences(
 
 
 def _presenting(keystore: Keystore, odd: Collection[Typed]) -> Iterator[Enclave]:
-    """The enclaves whose rights with peers hang on one of the documents."""
+    """The enclaves whose rights with peers depend on one of the documents."""
     subjects = {subject for file in odd if isinstance(file, PermissionsFile) for subject in file.subjects}
     everybody = any(isinstance(file, GovernanceFile) for file in odd)
     for enclave in keystore.enclaves:
@@ -123,7 +123,7 @@ def _undecided(odd: Collection[Typed], keystore: Keystore) -> Divergence:
 
 
 class _Comparison:
-    """The readers of one keystore, compared right by right; each line with what it brings about."""
+    """The readers of one keystore, compared right by right; each line with its effects."""
 
     def __init__(self, readers: Sequence[Reader], channels: Channels, lines: DecidingLines) -> None:
         self._readers = readers
@@ -154,7 +154,7 @@ class _Comparison:
         self._compare(enclave, operation, value, parts, decided=True)
 
     def rights(self, enclave: Enclave, operation: Operation, peers: PeerValues) -> None:
-        """Compares what peers accept of an operation, but where a reader's own decisions differ already so."""
+        """Compares what peers accept of an operation, except where a reader's own decisions already differ so."""
         value = partial(peers.accepted, enclave.path, operation)
         parts = partial(self._lines.accepted, peers, enclave.path, operation)
         self._compare(enclave, operation, value, parts, decided=False)

@@ -1,7 +1,7 @@
-"""Which line of which document two ways of reading take differently, for rights that they decide differently about.
+"""Which line of which document two readings take differently, for rights that they decide differently about.
 
-Of ordered rules the first that matches decides. Where two readings of them decide differently, the earlier one of the
-two rules that decide is the one that matches in one reading alone.
+Of ordered rules the first that matches decides. Where two readings decide differently, take the two rules that decide.
+The earlier one matches in one reading alone.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from keystore_audit.truth import Bounds
 
 
 def differing(values: Sequence[Bounds]) -> int:
-    """What is for certain in one of the sets and for certain not in another."""
+    """What is certainly in one of the sets and certainly not in another."""
     somewhere, everywhere = 0, -1
     for value in values:
         somewhere |= value.must
@@ -136,7 +136,7 @@ class PeerValues:
         return self._effective.accepted(path, self._row[profile.name], operation)
 
     def view(self, profile: Profile) -> _Peers:
-        """The facts behind it, what could not be read counting as anything."""
+        """The facts behind it; what could not be read counts as anything."""
         return self._view(self._row[profile.name])
 
 
@@ -150,11 +150,11 @@ class Part(NamedTuple):
 
 
 _Both = tuple[Profile, Profile]
-"""The profile before it is cured of something, and after."""
+"""The profile before a peculiarity is removed, and after."""
 
 
 class _Line(NamedTuple):
-    """Where a step stands; `is_rule`: it is not the default or the want of a rule; `allows`: a rule that does."""
+    """Where a step stands; `is_rule`: it is a rule, not a default or a missing rule; `allows`: a rule that allows."""
 
     location: Location | None
     is_rule: bool
@@ -323,7 +323,7 @@ def _whole(file: Typed | None) -> Location | None:
 
 
 def _ordered(one: _Line, two: _Line) -> tuple[_Line, _Line]:
-    """The two, the one first that is read differently: a rule before what holds without one, the earlier rule first."""
+    """The two, first the one that is read differently: a rule before a default, the earlier rule first."""
     if one.is_rule != two.is_rule:
         return (one, two) if one.is_rule else (two, one)
     if one.location is None or two.location is None or one.location.path != two.location.path:
@@ -345,7 +345,7 @@ def _steps(local: LocalValues, enclave: Enclave, profile: Profile, operation: Op
 
 
 def _topics(peers: _Peers, trust_domain: int, _operation: Operation) -> Iterator[_Step]:
-    """Which topics there are by the governance."""
+    """Which topics exist by the governance."""
     for rule in peers.system.topic_rules:
         parent = peers.system.domain_rules[rule.domain_rule]
         if parent.document == peers.system.trust_domains[trust_domain].governance:
@@ -355,7 +355,7 @@ def _topics(peers: _Peers, trust_domain: int, _operation: Operation) -> Iterator
 
 
 def _open_topics(peers: _Peers, trust_domain: int, operation: Operation) -> Iterator[_Step]:
-    """Which of them are everybody's: permissions are not asked."""
+    """The topics that are open to everybody: permissions do not count there."""
     protection = peers.trust_domains[trust_domain].protection
     controlled = protection.write_controlled if operation is Operation.PUBLISH else protection.read_controlled
     free = 0 if operation is Operation.RELAY else protection.governed & ~controlled

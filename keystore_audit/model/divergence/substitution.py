@@ -59,11 +59,11 @@ class Cause(str, Enum):
 check_reader("model.divergence", "cause", {*(cause.value for cause in Cause), NO_DECISION})
 
 _CURED: Final = tuple((name, Cause(quirk.cause)) for name, quirk in QUIRKS.items() if quirk.cause in {*Cause})
-"""Peculiarities in the order in which they are cured: what makes a document count at all comes before what single
-rules mean."""
+"""Peculiarities in the order in which they are removed: first those by which a document counts at all, then those of
+single rules."""
 
 _HARMLESS: Final = frozenset({"binds_domains", "starts_ungoverned", "joins"})
-"""What implementations ask of their own participants, and every plain pair grants; `joins` but for Table 63."""
+"""Demands of implementations on their own participants that every plain pair meets; `joins` except for Table 63."""
 
 PARTITION_CAUSES: Final = frozenset(
     {Cause.DENY_IN_PARTITION, Cause.DENY_WITHOUT_PARTITION, Cause.CROSSED_PARTITIONS, Cause.FINAL_RULE}
@@ -71,7 +71,7 @@ PARTITION_CAUSES: Final = frozenset(
 
 
 class Stage(Struct, frozen=True, kw_only=True):
-    """An implementation with some peculiarities left; `cured` is the one that the stage before has beside these.
+    """An implementation with some peculiarities left; `cured` is the one that the stage before has in addition.
 
     None: it is the implementation itself. `profile`: its rows, and the trust row of the specification.
     """
@@ -95,7 +95,7 @@ class Reader(Struct, frozen=True, kw_only=True):
 class Stages:
     """The stages of one keystore's readers: those that read and start alike are one profile.
 
-    What topics can be called, and whatever else decides nothing about documents, is the specification's.
+    The names that topics can have, and all else that decides nothing about documents, are the specification's.
     """
 
     def __init__(self, accesses: AccessViews) -> None:
@@ -112,7 +112,7 @@ class Stages:
         return tuple(Reader(names=tuple(names), stages=tuple(self._stages(each))) for each, names in found.values())
 
     def _with(self, access: Access, values: Mapping[str, object]) -> Profile:
-        """The specification but for the access row and the values, those of the rows that are read alike as one."""
+        """The specification with this access row and these values; rows that are read alike are one."""
         local = replace(SPEC.local, **{name: value for name, value in values.items() if GROUP[name] == "local"})
         access = replace(access, **{name: value for name, value in values.items() if GROUP[name] == "access"})
         row = self._accesses.row(access)
@@ -181,7 +181,7 @@ class PlainPairs:
 
 
 def _is_picky(profile: Profile) -> bool:
-    """Whether its own participants may do less by a plain pair: so of what is not known to let them do all."""
+    """Whether its own participants may do less under a plain pair; true unless it is known that they may do all."""
     others = (name for name, _cause in _CURED if GROUP[name] == "local" and name not in _HARMLESS)
     return profile.local.joins is JoinCheck.TABLE_63 or any(
         value_of(profile, name) != value_of(SPEC, name) for name in others

@@ -1,4 +1,4 @@
-"""Identities that lie beside the enclaves and that peers of theirs take for one of their own."""
+"""Identities that lie beside the enclaves and that peers of theirs accept."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Admitted(Struct, frozen=True, kw_only=True):
 
 
 class _Peer(NamedTuple):
-    """One of the enclaves that trust alike, as an implementation reads its files. `wants_grant`: from whoever joins."""
+    """One of the enclaves that trust alike, as an implementation reads its files. `wants_grant`: of who joins."""
 
     enclave: Enclave
     trust: Trust
@@ -97,7 +97,7 @@ def admitted(
 
 
 def _takes(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> bool:
-    """Whether the enclave authenticates who has the certificate; its dates count."""
+    """Whether the enclave authenticates the holder of the certificate; its dates count."""
     file = enclave.identity_ca
     return (
         file is not None
@@ -108,7 +108,7 @@ def _takes(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetim
 
 
 def _takes_signature(peer: _Peer, certificate: Certificate, authorities: Iterable[Certificate]) -> bool:
-    """Whether it takes permissions that who has the certificate signs (`attacker.TrustDomainView.self_granting`).
+    """Whether it accepts permissions that the certificate's key signs (`attacker.TrustDomainView.self_granting`).
 
     `authorities`: those over which one that is not pinned may chain to a root; a message brings them along.
     """
@@ -128,7 +128,7 @@ def _takes_signature(peer: _Peer, certificate: Certificate, authorities: Iterabl
 
 
 def _permissions_cas(peers: Iterable[_Peer]) -> Iterator[Location]:
-    """Where the authorities stand by which these peers take what somebody signs."""
+    """The places of the authorities by which these peers accept self-signed permissions."""
     for peer in peers:
         if peer.enclave.permissions_ca is not None:
             yield Location(path=peer.enclave.permissions_ca.file.place, line=1)
@@ -152,13 +152,13 @@ def _granted(
 
 
 def _ended(grant: Grant, at: datetime) -> bool:
-    """Whether every implementation takes it for over, wherever the robot is."""
+    """Whether every implementation takes it for expired, wherever the robot is."""
     dated = read_date(grant.not_after.text, DateReading.XSD, None)
     return dated is not None and at - dated.instant > ANY_ZONE
 
 
 def _without_grants(peers: Iterable[_Peer]) -> Iterator[Location]:
-    """Governances under which these peers let in whomever they authenticate."""
+    """Governances under which these peers let in everybody whom they authenticate."""
     for peer in peers:
         file = None if peer.wants_grant else peer.enclave.governance
         if file is not None:

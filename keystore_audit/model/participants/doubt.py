@@ -82,9 +82,9 @@ def file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
 
 
 def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
-    """Everything that could not be read and that a peer may take for permissions, in enclaves or outside of them.
+    """Everything unread that a peer may take for permissions, in enclaves or outside of them.
 
-    Its own enclave may refuse it. And governance that somebody may apply who has an unmanaged identity.
+    Its own enclave may refuse it. Also governance that the holder of an unmanaged identity may apply.
     """
     files = permissions_cas(keystore)
     outside = bool(unmanaged_identities(keystore, accesses.at))
@@ -111,7 +111,7 @@ def may_say_anything(
     *,
     to_peers: bool = False,
 ) -> bool:
-    """Whether who has one of these permissions CA files may take the document, and what it says is unknown.
+    """Whether a peer with one of these permissions CA files may take the document, and what it says is unknown.
 
     `to_peers`: not to its own enclave, which knows whom it compares.
     """
@@ -175,7 +175,7 @@ def _doubt_of(enclave: str | None, certificate: Certificate, authorities: tuple[
 
 
 def _constrained(enclave: str | None, certificates: Iterable[Certificate]) -> Doubt | None:
-    """Of several the one that may widen what is accepted."""
+    """The doubt about one of several, first about one that may widen what is accepted."""
     found = [each for each in certificates if each.constraints]
     for certificate in sorted(found, key=lambda each: NARROWING.issuperset(each.constraints))[:1]:
         reason = f"the certificate has extensions ({', '.join(certificate.constraints)}) that implementations evaluate"
@@ -202,7 +202,7 @@ def trust_domain_doubt(enclave: Enclave) -> Doubt | None:
 
 
 def opens(doubt: Doubt | None) -> bool:
-    """Whether for this doubt somebody may be more, or accept more, than what was read says."""
+    """Whether, because of this doubt, somebody may be more, or accept more, than what was read says."""
     return doubt is not None and not doubt.narrows
 
 

@@ -52,7 +52,7 @@ UNGRANTED: Final = "the grant allows no"
 _LOADS_NONE: Final = "it loads no CA signed with"
 _LOADS_NOT: Final = "it does not load"
 UNLOADED: Final = (_LOADS_NONE, _LOADS_NOT)
-"""How reasons begin that are in what the file of an authority is."""
+"""How reasons begin that are about an authority's file."""
 
 _NOT_ISSUED: Final = "the identity CA did not issue the identity certificate"
 _NO_LIST: Final = "no revocation list that it carries can be used for the identity, so every identity is refused"
@@ -191,7 +191,7 @@ def may_refuse_peers(enclave: Enclave, trust: Trust) -> bool:
 
 
 def refusals_of_peer(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> Iterator[str]:
-    """Why the enclave refuses who has the certificate, whatever grants say: what it asks of its own when it starts."""
+    """Why the enclave refuses the certificate's holder, whatever grants say: it asks the same of itself at start."""
     yield from _chain_refusals(enclave, certificate, trust)
     if enclave.identity_ca is not None:
         yield from _chain_refusals_at(certificate, enclave.identity_ca, trust, at)
@@ -201,8 +201,8 @@ def refusals_of_peer(enclave: Enclave, certificate: Certificate, trust: Trust, a
 def _chain_refusals_at(
     certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime, *, loads: bool = False
 ) -> Iterator[str]:
-    """Why no chain is found at an instant where one is at others: none is in force, or another authority of its name
-    is. `loads`: the first certificate of the file is verified when it is loaded (`strict_refusal`).
+    """Why no chain is found at an instant, but is at others: none is in force, or another authority of its name is.
+    `loads`: the first certificate of the file is verified when it is loaded (`strict_refusal`).
     """
     if not is_issued(file, certificate, trust):
         return
@@ -240,7 +240,7 @@ def _signers_refused_at(
 
 
 def signature_refusal(role: Role, signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> str | None:
-    """Why a document is never taken for its signatures; None where it may be."""
+    """Why a document's signatures never count; None where they may."""
     verdict = document_verdict(signed, permissions_ca, trust)
     lost = path_refusal(signed, permissions_ca, trust) if verdict is Truth.YES else None
     if verdict is not Truth.NO and lost is None:

@@ -48,7 +48,7 @@ class ActionPattern(Struct, frozen=True, kw_only=True):
 
     `expression`: the first; `count`: how many. `action`: one, `owner`: the enclave that publishes its status by name,
     None where no other does. `operation`: publish, if any of them is for publishing. `served`: all that they take in of
-    what others serve by name, with who does; rules that deny are not weighed.
+    what others serve by name, with who serves it; deny rules do not count.
     """
 
     enclave: str
@@ -62,9 +62,9 @@ class ActionPattern(Struct, frozen=True, kw_only=True):
 
 
 def action_patterns(enclaves: Iterable[Enclave]) -> tuple[ActionPattern, ...]:
-    """Of each enclave's own document. Rules that deny before them are weighed by the example.
+    """For each enclave's own document. The example takes account of deny rules that come before.
 
-    What was made to cost time is not looked at to its end: patterns may be missing then, and `count` too low.
+    Patterns that were made to cost time are not searched to the end: some may be missing then, and `count` too low.
     """
     every = list(enclaves)
     effort = _Effort(_DECISIONS + _DECISIONS_PER_ENCLAVE * len(every), _PAIRS + _PAIRS_PER_ENCLAVE * len(every))
@@ -107,7 +107,7 @@ class _Named:
         self._order = order
 
     def among(self, pattern: Pattern, enclave: str, effort: _Effort) -> Iterator[str]:
-        """Those of other enclaves that it matches."""
+        """Actions of other enclaves that the pattern matches."""
         begin, end = bisect_left(self._topics, pattern.prefix), len(self._topics)
         if pattern.prefix:
             end = bisect_right(self._topics, pattern.prefix, begin, key=lambda topic: topic[: len(pattern.prefix)])
@@ -120,7 +120,7 @@ class _Named:
 
 
 def _patterns(grant: Grant, effort: _Effort) -> list[tuple[Operation, Text]]:
-    """Patterns of its allow rules for some topics, not by their text about actions; those for publishing first."""
+    """Patterns of its allow rules for some topics, unless their text is about actions; those for publishing first."""
     found = [
         (criterion.operation, text)
         for criterion in grant.allowed
@@ -193,7 +193,7 @@ def taken_in(expression: str, decide: Callable[[], bool] = lambda: True) -> str 
 
 
 def _likely(pattern: Pattern) -> Iterator[str]:
-    """Names below where its first wildcard stands, and the names that it spells if each wildcard is one letter."""
+    """Names below the place of its first wildcard, and the names that result if each wildcard is one letter."""
     begin = pattern.prefix[2:].rstrip("/")
     yield from (f"{begin}/a", f"{begin}a", "/a")
     if len(pattern.pieces) == 1:

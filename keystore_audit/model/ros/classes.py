@@ -57,7 +57,7 @@ class Affix(NamedTuple):
         return self.prefix + name + self.suffix
 
     def name(self, topic: str) -> str | None:
-        """The ROS name that `topic` is made of, None where it is of none."""
+        """The ROS name of which `topic` is made, None where it is made of none."""
         if not topic.endswith(self.suffix) or not topic.startswith(self.prefix):
             return None
         end = len(topic) - len(self.suffix)
@@ -142,7 +142,7 @@ class _Classification:
         return tuple(map(frozenset, members))
 
     def _verify(self, name: str, accepted: _Set) -> None:
-        """Asks the patterns themselves; raises AuditError where they say something else than the automaton."""
+        """Asks the patterns themselves; raises AuditError where they contradict the automaton."""
         self._budget.spend(len(self._wildcards) // 8)
         for place, affix in enumerate(self._affixes):
             topic = affix.topic(name)
@@ -263,7 +263,7 @@ class RosChannels(Struct, frozen=True, kw_only=True):
         return self.affixes.index(affix) * len(self.classes)
 
     def by_class(self, channels: int, start: int, place: int) -> int:
-        """Those of the channels that have the affix of `place`, as a bit set of classes."""
+        """The channels that have the affix of `place`, as a bit set of classes."""
         return channels >> (start + place) & ((1 << len(self.classes)) - 1)
 
     def listed(self, operation: Operation, affix: Affix) -> int:

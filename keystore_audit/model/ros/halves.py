@@ -43,7 +43,7 @@ ROLES: Final[Mapping[str, Role]] = {
     )
     for role in (*SERVICE_ROLES, *ACTION_ROLES)
 }
-"""What each takes (`names.dds_expressions`), what is published first."""
+"""What each role takes (`names.dds_expressions`); what is published comes first."""
 
 
 class Half(Struct, frozen=True, kw_only=True):
@@ -64,7 +64,7 @@ class Half(Struct, frozen=True, kw_only=True):
 
 
 class Halves(Struct, frozen=True, kw_only=True):
-    """All of a keystore. `unknown`: by path, enclaves whose names are of too many classes, and why."""
+    """All halves of a keystore. `unknown`: by path, enclaves whose names are of too many classes, and why."""
 
     halves: tuple[Half, ...] = ()
     unknown: tuple[tuple[Enclave, str], ...] = ()
@@ -151,7 +151,7 @@ class _Search:
 
 
 class _Found(NamedTuple):
-    """A half, but for the enclave."""
+    """A half, without its enclave."""
 
     role: str
     name: str
@@ -215,9 +215,9 @@ class _Rights:
 
 
 def _telling(role: str, channel: tuple[Operation, Affix], channels: RosChannels) -> int:
-    """The classes for which a right on the channel tells that the role was meant.
+    """The classes for which a right on the channel shows that the role was meant.
 
-    Only where an expression names services, and an action for one: `*` is about everything, `rq/arm/*Request` about
+    Only where an expression names services, or for an action, one: `*` is about everything, `rq/arm/*Request` about
     services, and `rt/arm/*` about topics. Who only reads the topics of an action watches.
     """
     operation, affix = channel

@@ -39,7 +39,7 @@ class Lines:
 
     @cached_property
     def _listed(self) -> dict[Operation, tuple[dict[str, Text], PatternIndex, list[Text]]]:
-        """By operation: the first that has each text, all of these as patterns, by their numbers, and in order."""
+        """By operation: for each text its first occurrence, all of these as patterns by their numbers, and in order."""
         listed: dict[Operation, tuple[dict[str, Text], PatternIndex, list[Text]]] = {}
         for operation in Operation:
             first: dict[str, Text] = {}
@@ -50,7 +50,7 @@ class Lines:
         return listed
 
     def of(self, operation: Operation, topic: str) -> int | None:
-        """The line of the expression that matches the topic; one that is no pattern comes first."""
+        """The line of the expression that matches the topic; one without wildcards comes first."""
         first, patterns, texts = self._listed[operation]
         if topic in first:
             return first[topic].line
@@ -59,7 +59,7 @@ class Lines:
 
 
 class DocumentLines:
-    """The same of an enclave's permissions."""
+    """The same for an enclave's permissions."""
 
     def __init__(self, enclave: Enclave) -> None:
         file = enclave.permissions
@@ -162,7 +162,7 @@ class Placed:
 
 
 def _certain(grant: ReadGrant) -> tuple[Interval, ...] | None:
-    """The domains in which whatever an allow rule lists is allowed, in the default partition; None: look closer."""
+    """The domains in which everything that an allow rule lists is allowed, in the default partition; None: unclear."""
     domains = grant.rules[0].domains if grant.rules else ()
     for rule in grant.rules:
         if (
@@ -209,7 +209,7 @@ class Holder:
 
 
 class Holders:
-    """Makes the holders of one keystore's systems; what several have in common is made once.
+    """Makes the holders of one keystore's systems; shared parts are made once.
 
     `files`: permissions documents by place.
     """

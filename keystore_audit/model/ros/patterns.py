@@ -1,4 +1,4 @@
-"""What permissions mean to ROS 2 nodes: services and actions that are whole or half, and who is within whose reach."""
+"""What permissions mean to ROS 2 nodes: services and actions that are whole or half, and who can reach whom."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ USUAL: Final[tuple[Use, ...]] = (
     (PUBLISH, "rt/parameter_events"),
     (SUBSCRIBE, "rt/parameter_events"),
 )
-"""Without these a node is not made unless it is told to do without (rcl: enable_rosout; rclcpp: parameter services)."""
+"""Without these no node is made, unless it is told to do without (rcl: enable_rosout; rclcpp: parameter services)."""
 
 _SINCE_IRON: Final = frozenset({"jazzy", "kilted", "lyrical", "rolling"})
 
 _ANSWERS: Final = tuple(f"/{service}{REPLY_SUFFIX}" for service in PARAMETER_SERVICES)
-"""How the names of the DDS topics end on which a node answers for its parameters."""
+"""The ends of the names of DDS topics on which a node answers for its parameters."""
 
 MAX_NODES: Final = 250
 """Nodes of an enclave that are asked about: up to a second with 1,500 expressions. A real enclave has some dozens."""
@@ -119,7 +119,7 @@ class Undescribed(Struct, frozen=True, kw_only=True):
 
 
 def since_iron(profiles: Iterable[Profile]) -> bool:
-    """Whether one is of distributions since Iron alone; Cyclone DDS 0.10 is Humble's too."""
+    """Whether a profile is only of distributions since Iron; Cyclone DDS 0.10 is Humble's too."""
     return any(each.distributions and _SINCE_IRON.issuperset(each.distributions) for each in profiles)
 
 
@@ -149,7 +149,7 @@ def _controls(enclave: Enclave, operation: Operation, topic: str) -> bool:
 
 
 def _granted(enclaves: Iterable[Enclave]) -> Iterator[tuple[Enclave, Grant, Location]]:
-    """Enclaves with the grant of theirs, where it allows anything, and its place."""
+    """Enclaves with their grant, where it allows anything, and its place."""
     for enclave in enclaves:
         subject = None if enclave.identity is None else enclave.identity.subject
         grant = next((each for each in enclave.grants if each.subject_name.text == subject), None)
@@ -180,7 +180,7 @@ def _undiscovering(
 
 
 def missing(grant: Grant, uses: Sequence[Use]) -> tuple[Use, ...]:
-    """Those of the uses that the grant does not allow in any domain. A default that allows, allows them."""
+    """The uses that the grant does not allow in any domain. A default that allows, allows them."""
     if grant.default_allow:
         return ()
     if all(rule.allow for rule in grant.rules):
@@ -248,7 +248,7 @@ def _matches(expression: str, name: str) -> bool:
 
 
 def _listed(grant: Grant, operation: Operation) -> Iterator[str]:
-    """What its allow rules list in the default partition alone; other partitions take a closer look."""
+    """What its allow rules list in the default partition alone; other partitions need a closer look."""
     return (
         text.text
         for criterion in grant.allowed

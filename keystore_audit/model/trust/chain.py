@@ -46,7 +46,7 @@ ROLES: Final = (Role.IDENTITY_CA, Role.PERMISSIONS_CA)
 
 
 class Authorities(Struct, frozen=True, kw_only=True):
-    """What somebody declared, by role: SHA-256, in hexadecimal, of certificates or of their keys; none: nothing."""
+    """What somebody declared, by role: SHA-256, in hexadecimal, of certificates or of their keys; empty: nothing."""
 
     identity: frozenset[str] = frozenset()
     permissions: frozenset[str] = frozenset()
@@ -57,14 +57,14 @@ class Authorities(Struct, frozen=True, kw_only=True):
 
     @property
     def complete(self) -> bool:
-        """Whether somebody said of both roles who is trusted."""
+        """Whether the trusted authorities are declared for both roles."""
         return all(map(self.of, ROLES))
 
 
 class Anchors(Struct, frozen=True, kw_only=True):
     """The authorities that are trusted in a role: those declared that are here, by place, or the one found.
 
-    `found_in`: the file that it was taken from; empty where they were declared, or where none can be told.
+    `found_in`: the file that it was taken from; empty where they were declared, or where none can be determined.
     """
 
     role: Role
@@ -73,7 +73,7 @@ class Anchors(Struct, frozen=True, kw_only=True):
     found_in: str = ""
 
     def trusts(self, certificate: Certificate) -> bool:
-        """Whether the certificate is that of one of them."""
+        """Whether the certificate belongs to one of them."""
         if self.declared:
             return not self.declared.isdisjoint((certificate.sha256, certificate.key))
         return any(certificate.key == each.key for each in self.certificates)

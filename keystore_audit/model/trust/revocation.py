@@ -1,4 +1,4 @@
-"""Which revocation lists count for an identity, and what they take back (RFC 5280, 6.3.3; crypto/x509/x509_vfy.c)."""
+"""Which revocation lists count for an identity, and what they revoke (RFC 5280, 6.3.3; crypto/x509/x509_vfy.c)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NO_IDENTITIES: Final = frozenset(
 
 
 def lists_carried(enclave: Enclave) -> tuple[RevocationList, ...]:
-    """Every revocation list in its files, whoever reads it."""
+    """Every revocation list in its files, whether or not it is read."""
     files = (enclave.crl, enclave.identity_ca)
     return tuple(each for file in files if file is not None for each in file.revocation_lists)
 
@@ -33,7 +33,7 @@ def lists_carried(enclave: Enclave) -> tuple[RevocationList, ...]:
 def list_unread(enclave: Enclave, trust: Trust) -> tuple[str, str] | None:
     """Where and why `crl.pem`, which the implementation reads, is unknown here: it may then revoke anybody, or nobody.
 
-    Lists in the CA file count no more: another may go before them.
+    Lists in the CA file no longer count then: another may come before them.
     """
     if trust.revocation is RevocationLists.NONE:
         return None
@@ -49,7 +49,7 @@ def list_unread(enclave: Enclave, trust: Trust) -> tuple[str, str] | None:
 def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:
     """The revocation lists that an implementation reads: perhaps those in the CA file, then the first of `crl.pem`.
 
-    Not any where one of them is unknown (`list_unread`).
+    None where one of them is unknown (`list_unread`).
     """
     if trust.revocation is RevocationLists.NONE or list_unread(enclave, trust) is not None:
         return ()
@@ -67,7 +67,7 @@ def identity_authorities(enclave: Enclave, trust: Trust) -> tuple[Certificate, .
 def list_dates(enclave: Enclave, trust: Trust, at: datetime) -> tuple[datetime, ...]:
     """The instants from `at` on around which another one of several lists counts, or none of them.
 
-    Dates of lists, and of several authorities: another one may be taken for a list's issuer then (`issuers_taken`).
+    Also dates of several authorities: another one may then be taken for a list's issuer (`issuers_taken`).
     """
     if len(lists_read(enclave, trust)) < 2:
         return ()

@@ -46,7 +46,7 @@ _ENVELOPE_UNKNOWN = frozenset(
 
 
 class Envelope(Struct, frozen=True, kw_only=True):
-    """What the envelope of a document is worth before anybody asks who signed it.
+    """What the envelope of a document is worth, whoever signed it.
 
     `verdict`: whether every signature verifies under `signers`, whom the signer identifiers name.
     """
@@ -57,7 +57,7 @@ class Envelope(Struct, frozen=True, kw_only=True):
 
 @lru_cache(maxsize=16_384)
 def envelope(signed: SignedDocument) -> Envelope:
-    """Whether the signatures hold, apart from who made them."""
+    """Whether the signatures hold, whoever made them."""
     kinds = {defect.kind for defect in signed.defects}
     if kinds & _REFUSED_BY_ALL:
         return Envelope(verdict=Truth.NO, signers=())
@@ -79,7 +79,7 @@ def _signer(signature: Signature) -> Certificate | None:
 
 @lru_cache(maxsize=65_536)
 def _alike(*known: object) -> list[Any]:  # noqa: ARG001 - what the cache goes by
-    """Where the first of all stands of which the same is known; empty at first."""
+    """The place of the first value of which the same is known; empty at first."""
     return []
 
 
@@ -93,13 +93,13 @@ def first_alike(value: T, *known: object) -> T:
 
 @lru_cache(maxsize=65_536)
 def document_alike(signed: SignedDocument) -> SignedDocument:
-    """The first message of which all is the same that is asked of it here: thousands have one signer."""
+    """The first message with the same answers to all that is asked of it here: thousands have one signer."""
     return first_alike(signed, envelope(signed), signed.embedded)
 
 
 @lru_cache(maxsize=65_536)
 def certificate_alike(certificate: Certificate, file: CertificateFile) -> Certificate:
-    """The first certificate of which all is the same that chains over the file ask of it, but for dates."""
+    """The first certificate with the same answers to all that chains over the file ask of it, except for dates."""
     if len(file.certificates) > MAX_AUTHORITIES:
         return certificate
     asked = [
@@ -138,14 +138,14 @@ def not_read(place: str, trust: Trust) -> str:
 
 
 def signing_authorities(file: CertificateFile, trust: Trust) -> tuple[Certificate, ...]:
-    """Those of a permissions CA file by which documents are judged: where it is not pinned, roots, which end chains."""
+    """The certificates of a permissions CA file by which documents are judged; unless pinned, only roots end chains."""
     read = authorities_read(file, trust)
     return read if trust.pins_signer else tuple(authority for authority in read if is_root(authority))
 
 
 @lru_cache(maxsize=65_536)
 def file_alike(file: CertificateFile) -> CertificateFile:
-    """The first file with the same bytes: who copies what sros2 links has as many as enclaves."""
+    """The first file with the same bytes: if sros2's links are copied, there are as many files as enclaves."""
     return first_alike(file, file.file.sha256 or file)
 
 
@@ -197,7 +197,7 @@ def is_root(certificate: Certificate, *, signed: bool = False) -> bool:
 
 @lru_cache(maxsize=4096)  # asked for each enclave, under each row, of the few files that they share
 def chaining(trust: Trust, file: CertificateFile) -> Trust:
-    """One row for all that look for chains in the file alike: each is then looked for once."""
+    """One row for all that look for chains in the file alike: each chain is then searched once."""
     return _row(False, trust.needs_root, trust.checks_root_signature, *_reading(trust, file))
 
 
@@ -208,7 +208,7 @@ def _judging(trust: Trust, permissions_ca: CertificateFile | None) -> Trust:
 
 
 def _reading(trust: Trust, file: CertificateFile | None) -> tuple[bool, frozenset[str] | None]:
-    """What of a row decides which certificates of the file count."""
+    """The part of a row that decides which certificates of the file count."""
     if file is None or file.first is None:
         return False, None
     algorithms = None if file.first.signature_algorithm in (trust.ca_algorithms or ()) else trust.ca_algorithms
