@@ -72,7 +72,7 @@ class Unclear(Exception):
 
     def __init__(self, element: etree._Element | None, what: str) -> None:
         """Keep both, in words."""
-        super().__init__(f"how implementations read {what} was not measured")
+        super().__init__(f"how {what} is read was not measured")
         self.element = element
 
 
