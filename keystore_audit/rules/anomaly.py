@@ -239,8 +239,8 @@ def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Viol
     """A rule changes nothing: no other rule is about what it decides, and the default decides the same.
 
     Usually harmless. On Cyclone DDS 0.10 such a deny rule may take the whole topic away: see deny-rule-blocks-topic. On
-    Fast DDS it may keep the enclave from endpoints that a later rule allows in another domain. Related: default-allow,
-    grant-without-allow-rule, rule-in-no-governed-domain.
+    Fast DDS it may void a later rule for another domain. Related: default-allow, grant-without-allow-rule,
+    rule-in-no-governed-domain.
     """
     every = odd(use, context, AnomalyKind.SAME_AS_DEFAULT)
     if not every:

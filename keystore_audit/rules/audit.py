@@ -145,7 +145,7 @@ def engines_disagree(result: PropertyResult) -> Iterator[Violation]:
 def rule_crashed(crash: Crash) -> Iterator[Violation]:
     """A rule ended in an error, so its question is undecided.
 
-    Only the type of the error is reported: its text may quote what was read, even a key.
+    Only its type is reported: the text may quote a key.
     """
     yield Violation(
         f"Rule {crash.rule} ended in an error ({crash.exception}) on {crash.subject}: its question is undecided.",
@@ -327,8 +327,8 @@ def suppression_expired(file: FileOfUses) -> Iterator[Violation]:
 def suppression_unused(file: FileOfUses) -> Iterator[Violation]:
     """An entry accepts a finding that this audit does not make, or that has changed or become worse.
 
-    The finding was fixed, moved or renamed, or appears only under other options. Entries for rules left out (--select,
-    --ignore) are not checked. One finding for each file, with the lines.
+    It was fixed, moved or renamed, or needs other options. Entries for rules left out (--select, --ignore) are not
+    checked. One finding for each file, with the lines.
     """
     unused = [use for use in file.uses if use.fate is Fate.UNUSED]
     if unused:

@@ -99,7 +99,7 @@ def allow_everything_permissions(use: PermissionsUse) -> Iterator[Violation]:
     """The grant allows every topic and service in both directions, the default of `ros2 security create_enclave`.
 
     Whoever takes over this enclave has the whole robot. Running create_enclave again restores this default. Judged by
-    what the allow rules cover together; earlier deny rules are not weighed. Other rules do not repeat what follows.
+    what the allow rules cover together, without earlier deny rules. Other rules do not repeat what follows.
     """
     for grant in use.document.grants:
         if allows_everything(grant):

@@ -133,9 +133,9 @@ def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterat
 
     Run times read only the first certificate of an identity file. Of a CA file, Fast DDS takes all certificates and
     revocation lists, Cyclone DDS the first certificate (measured). Fast DDS also tells peers the name of its first
-    permissions CA certificate, and refuses peers that tell another (read in its source). So keep the order the same
-    everywhere while you change an authority; claims of `able` count that. A dump before a certificate, as sros2 writes
-    it, is no finding. For authorities that nobody expects, see unexpected-authority.
+    permissions CA certificate, and refuses peers that tell another (read in its source). So keep one order everywhere
+    while you change an authority; claims of `able` count that. A dump before a certificate, as sros2 writes it, is no
+    finding. For authorities that nobody expects, see unexpected-authority.
     """
     certificates, lists = use.certificates.certificates, use.certificates.revocation_lists
     differ = facts.CERTIFICATES_OF_A_FILE if use.authority else "run times read the first certificate and no further"
@@ -263,7 +263,7 @@ def irregular_serial_number(use: CertificateUse) -> Iterator[Violation]:
 def weak_key(use: CertificateUse) -> Iterator[Violation]:
     """The key is shorter than RSA 2048 or EC 256: whoever breaks it can act as this identity or authority.
 
-    Not checked: how the key was made, and whether it is one of the known bad ones.
+    How the key was made is not checked here.
     """
     for certificate in use.in_use:
         if is_weak_kind(certificate.key_kind):

@@ -181,9 +181,8 @@ def _without_a_domain(context: Context) -> Iterator[str]:
 def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A rule is for some of the governed domains, and Fast DDS applies it in all of them to its own endpoints.
 
-    There, an allow rule gives too much and a deny rule takes too much away. Peers check the domain: no honest one
-    matches what is allowed in excess, but one that attacks reads the samples, and its samples are accepted. What is
-    denied in excess does not work.
+    There, an allow rule gives too much and a deny rule takes too much away. Honest peers match nothing that is allowed
+    in excess. One that attacks reads the samples, and its samples are accepted. What is denied in excess does not work.
     """
     wide = [divergence for found in _unspoken(context, Cause.RULE_DOMAINS) for divergence in found]
     if wide:  # all in one: it is most often the governance that is wider than every grant
@@ -200,9 +199,8 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
 def join_checked_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Whether the enclave may join a domain depends on the implementation.
 
-    Fast DDS needs an allow rule, for any domain. Cyclone DDS needs nothing if a topic of the domain has read or write
-    access control off (measured). OpenDDS starts only in that case, or without join access control (read in its
-    source).
+    Fast DDS needs an allow rule, for any domain. Cyclone DDS needs nothing if a topic has read or write access control
+    off (measured). OpenDDS starts only then, or without join access control (read in its source).
     """
     to_the_letter: list[Divergence] = []
     for found in _unspoken(context, Cause.JOIN):
@@ -262,7 +260,7 @@ def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vio
     Fast DDS reads every date in the standard time of the robot's zone, and refuses a document with 24:00. Cyclone DDS
     takes a date that it cannot read for long past, zones beyond 12 hours and years beyond 2262 included. A grant that
     should begin then has begun; one that should end then has expired. Without --time-zone, what depends on the zone is
-    unknown, and not reported here.
+    unknown.
     """
     yield from said(context, Cause.DATE, "A date of a grant is read differently")
 

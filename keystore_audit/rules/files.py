@@ -164,11 +164,10 @@ def dangling_link(enclave: Enclave) -> Iterator[Violation]:
 def foreign_file(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The keystore holds files or directories that neither sros2 nor the DDS-Security plugins know by place and name.
 
-    No run time needs them, and whoever has the robot has them. They are read as OpenSSL reads files, whatever their
-    names: documents, certificates and keys in them count (KA660, KA663, KA668, KA118). What was not read may hold
-    others: too large, not readable, no text, or base64 that nobody decodes. Verdicts assume that it does not, and no
-    statement passes. Patterns in settings remove files from this finding, never from the reading. High on a robot
-    (--deployed).
+    No run time needs them, and whoever has the robot has them. They are read whatever their names: documents,
+    certificates and keys in them count (KA660, KA663, KA668, KA118). What was not read may hold others: too large, not
+    readable, no text, or base64 that nobody decodes. Verdicts assume that it does not, and no statement passes.
+    Patterns in settings remove files from this finding, never from the reading. High on a robot (--deployed).
     """
     declared = keystore.declared
     found = [

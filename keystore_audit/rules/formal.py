@@ -252,7 +252,7 @@ _decided(
     Severity.LOW,
     f"""No enclave that may only subscribe to a topic can pass for a publisher of it.
 
-    The keys are symmetric: whoever can check a sample can make one. Low, since sros2's own governance allows it. An
+    Whoever can check a sample can make one. Low, since sros2's own governance allows it. An
     rtps_protection_kind WITH_ORIGIN_AUTHENTICATION does not help: the sealed message names the writer, and no receiver
     compares that with who sealed it ({facts.FORGED_SOURCE}). {facts.NO_ORIGIN}: there the kinds in the fix do not help
     either, and the enclave that forges must not read the topic.
@@ -336,8 +336,8 @@ def _told(result: UserResult, example: str) -> str:
 def label_flow_violated(result: LabelResult) -> Iterator[Violation]:
     """What has one label can reach what has another, though the lattice of the settings forbids it.
 
-    One finding for each pair of labels, with the shortest way. The severity is the one set in the lattice, else high
-    (Denning, A lattice model of secure information flow).
+    One finding for each pair of labels, with the shortest way. The severity is the lattice's, else high (Denning, A
+    lattice model of secure information flow).
     """
     flow = f"What is labelled {quoted(result.source)} can reach what is labelled {quoted(result.target)}"
     yield from _asserted(result, lambda example: f"{flow}: {example}" if example else f"{flow}.", "the lattice")

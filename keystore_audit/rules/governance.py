@@ -298,9 +298,9 @@ def _meaning(file: GovernanceFile, at: datetime) -> object:
 def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """Some topics of a governed domain match no topic rule, so nobody can create them.
 
-    Fast DDS and Cyclone DDS refuse them. OpenDDS goes on to the permissions, and then finds no protection for their
-    endpoints (read in its source). Without ros_discovery_info, DDS creates a participant, ROS 2 gives it up, and
-    nothing runs. Each different reading has its own finding.
+    Fast DDS and Cyclone DDS refuse them. OpenDDS finds no protection for their endpoints (read in its source). Without
+    ros_discovery_info, DDS creates a participant, ROS 2 gives it up, and nothing runs. Each different reading has its
+    own finding.
     """
     for topics in context.meaning.ungoverned:
         if topics.location.path == use.signed.file.place:

@@ -88,9 +88,9 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
 def directory_link_not_followed(keystore: Keystore) -> Iterator[Violation]:
     """A link at a place where enclaves may be leads out of the keystore.
 
-    A robot follows it, but this audit does not. It counts as a link to a directory, unless a run time reads it as a
-    file of an enclave. Links within the keystore, or into what `--root` names, are followed. Two paths to one folder
-    are two enclaves of one identity, unless settings call one an alias.
+    A robot follows it, but this audit does not. It counts as a directory, unless a run time reads it as an enclave's
+    file. Links within the keystore, or into what `--root` names, are followed. Two paths to one folder are two enclaves
+    of one identity, unless settings call one an alias.
     """
     for file in keystore.layout.directory_links:
         yield Violation(
@@ -164,8 +164,8 @@ def unreadable(keystore: Keystore) -> Iterator[Violation]:
 def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Violation]:
     """The .xml beside a signed document says something else: what is reviewed is not what runs.
 
-    Compared after turning CRLF into LF, since S/MIME changes line ends. Whether the meaning differs is not judged. For
-    a document that the permissions CA did not sign, see KA3.
+    Line ends do not count. Whether the meaning differs is not judged. For a document that the permissions CA did not
+    sign, see KA3.
     """
     role = Role.GOVERNANCE if isinstance(use, GovernanceUse) else Role.PERMISSIONS
     layout = context.keystore.layout
@@ -282,8 +282,8 @@ _MAX_NAME: Final = 255
 def enclave_name_not_ros(enclave: Enclave) -> Iterator[Violation]:
     """The directory's name is no ROS 2 name, so no node can ask for this enclave by it.
 
-    It may be a typing error, or meant to mislead. ROS_SECURITY_ENCLAVE_OVERRIDE is not validated, and reaches it. DDS
-    asks no names of enclaves: whoever has its files can use it.
+    It may be a typing error, or meant to mislead. ROS_SECURITY_ENCLAVE_OVERRIDE is not validated, and reaches it.
+    Whoever has its files can use it.
     """
     if not is_path(enclave.path) or len(enclave.path) > _MAX_NAME:
         yield Violation(

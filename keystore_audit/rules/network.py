@@ -58,8 +58,7 @@ def link_without_mutual_authentication(process: Process) -> Iterator[Violation]:
 def plain_endpoint(process: Process) -> Iterator[Violation]:
     """A process has an endpoint without TLS: whoever reaches it has a link without an identity, and reads along.
 
-    If no endpoint is set, the defaults count: plain, and on every interface. On the loopback interface alone, only
-    processes on the host can do so: high.
+    If no endpoint is set, the defaults count: plain, and on every interface. On the loopback interface alone: high.
     """
     plain = [end for end in _ends(process) if end.protocol in PROTOCOLS and end.protocol not in SECURED]
     plain = [end for end in plain if not end.multicast]
@@ -293,8 +292,8 @@ def secret_in_configuration(process: Process) -> Iterator[Violation]:
 def network_unclear(network: Network) -> Iterator[Violation]:
     """Something of the network is not known here, so nothing is denied for certain.
 
-    Unknown are YAML files, plugins and bridges, links that are no hosts and ports, names and passwords, and several
-    addresses of one endpoint. So are namespaces, and connections to where nobody in the folder listens.
+    Unknown are YAML files, plugins, bridges, namespaces, names and passwords, links that are no hosts and ports,
+    several addresses of one endpoint. So are connections to where nobody in the folder listens.
     """
     for place, why in rights_in(network).doubts:
         yield Violation(f"Cannot be told: {why}.", (place,), undecided=True, key=why)

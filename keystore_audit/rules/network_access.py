@@ -46,8 +46,8 @@ BY_HAND: Final = (
 def no_access_control(process: Process) -> Iterator[Violation]:
     """A process has no access control: whoever has a link to it may do anything with it.
 
-    `enabled` left out means false, whatever else the section says (measured). A router without access control passes on
-    whatever comes, and whoever is behind it sees only the router.
+    `enabled` left out means false, whatever else the section says (measured). A router without it passes on whatever
+    comes, and those behind it see only the router.
     """
     says = process.says
     section, enabled = says.find("access_control"), says.find("access_control", "enabled")

@@ -49,9 +49,8 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
 
     What counts is what others' files let in, with the enclave's own file or without: nobody reads permissions.p7s.
     Checked for topics and services that permissions or rules name, in the domains that rules name (else 0). Of each
-    pattern of a rule, one name is checked (`any` for wildcards). Patterns are not compared with patterns. Not compared:
-    routers, which pass on what comes, and enclaves without permissions if no policy is named. With more than 2,000
-    rights it stays open.
+    pattern of a rule, one name is checked (`any` for wildcards). Not compared: patterns with patterns, routers, and
+    enclaves without permissions if no policy is named. With more than 2,000 rights it stays open.
     """
     rights = rights_in(network)
 
@@ -75,11 +74,11 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
 def granted_and_kept_off(network: Network, context: Context) -> Iterator[Violation]:
     """An enclave was granted what the files stop: its own file stops it, or all others' do.
 
-    The node starts, and nothing arrives; no log says why. Checked for topics and services that the enclave's own
-    permissions, and a named policy, grant by name, in the domains that rules name (else 0). Another enclave must have
-    the other side: it subscribes to what is published, or serves what is called. Not compared: routers, enclaves
-    without a file that starts, and the topics of logs and parameter changes. What may work is not reported. With more
-    than 2,000 rights it stays open.
+    The node starts, but nothing arrives. Checked for topics and services that the enclave's own permissions, and a
+    named policy, grant by name, in the domains that rules name (else 0). Another enclave must have the other side: it
+    subscribes to what is published, or serves what is called. Not compared: routers, enclaves without a file that
+    starts, and the topics of logs and parameter changes. What may work is not reported. With more than 2,000 rights it
+    stays open.
     """
     rights = rights_in(network)
 

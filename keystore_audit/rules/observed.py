@@ -160,8 +160,7 @@ def _granted(name: GrantedName) -> str:
 def node_in_unknown_enclave(observed: Observation, context: Context) -> Iterator[Violation]:
     """A node is to run in an enclave that the keystore does not have: under Enforce it does not start.
 
-    A process without `--enclave` is in the enclave `/`. If part of the keystore could not be read, the enclave may
-    still be there.
+    A process without `--enclave` is in the enclave `/`. It may be in an unread part of the keystore.
     """
     known = [enclave.path for enclave in context.keystore.enclaves]
     for unknown in observed.unknown:
@@ -249,9 +248,9 @@ def launch_changes_security(observed: Observation, context: Context) -> Iterator
     """A launch file starts a process without security, or not with this keystore, domain and middleware.
 
     What it sets overrides the robot's environment (`--env`). The audit is incomplete if only running the file tells a
-    value. So it is if something that speaks of security is not read: code that is not followed, commands, and what
-    stands before a program. A domain is high if no governance covers it. It is low if all do and every enclave is
-    granted something there, else medium.
+    value. So it is if something about security is not read: code that is not followed, commands, and what stands before
+    a program. A domain is high if no governance covers it. It is low if all do and every enclave is granted something
+    there, else medium.
     """
     for variable in observed.variables:
         harm = _harm(variable, context)

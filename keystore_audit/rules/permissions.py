@@ -120,9 +120,9 @@ def _name_it(subject: str) -> Remedy:
 def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """No grant names the identity of the enclave that carries the document, so the enclave cannot start.
 
-    Texts are compared in the form of RFC 4514, the one that every implementation reads alike. If some implementations
-    still find the identity in a grant that means its subject, see subject-read-differently. If it means another
-    subject, this finding is about the others, and low if none of them was chosen.
+    Compared in the form of RFC 4514, which every implementation reads alike. If some implementations still find the
+    identity in a grant that means its subject, see subject-read-differently. If it means another subject, this finding
+    is about the others, and low if none of them was chosen.
     """
     grants = use.document.grants
     named = list(dict.fromkeys(grant.subject_name.text for grant in grants))

@@ -90,8 +90,8 @@ def later_rule_for_other_partitions(_keystore: Keystore, context: Context) -> It
 def deny_rule_blocks_topic(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A deny rule for one operation, or one partition, takes the whole topic away on Cyclone DDS 0.10.
 
-    If read and write access control are on, the first rule that lists a topic decides there whether it can be created.
-    So denying publish also denies subscribe. Cyclone DDS 11 does it right.
+    With read and write access control on, the first rule that lists a topic decides whether it is created: denying
+    publish denies subscribe. Cyclone DDS 11 does it right.
     """
     yield from said(context, Cause.TOPIC_DENIED)
 

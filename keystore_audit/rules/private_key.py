@@ -335,9 +335,9 @@ def private_key_others_have(keystore: Keystore, context: Context) -> Iterator[Vi
     or primes that Fermat's method finds in 100 steps. So is RSA with a factor that another key of the run has, or with
     the fingerprint of ROCA (Nemec and others, CCS 2017).
 
-    No report holds a private value. Published keys are those of keystore-audit's samples: info where keystores are
-    made, critical on a robot (--deployed). Not found are Debian's weak keys of 2008, whose list no Debian package has
-    any more, and keys that were made badly in another way.
+    No report holds a private value. Keys of keystore-audit's samples are published: info where keystores are made,
+    critical on a robot (--deployed). Not found are Debian's weak keys of 2008, and keys that were made badly in another
+    way.
     """
     own, others = material_of_keystore(keystore), context.beside.shared.material if context.beside else Material()
     keys = {each.key for each in own.keys}

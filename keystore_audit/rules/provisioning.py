@@ -49,9 +49,9 @@ def _deployed(_keystore: Keystore, context: Context) -> bool:
 def long_validity(keystore: Keystore) -> Iterator[Violation]:
     """Identities or grants are valid for more than two years.
 
-    A robot that is lost, sold or broken into keeps its identity and rights until they end. Without revocation lists,
-    which no run time demands, nothing else ends them. Checked only with --deployed. Not checked: authorities, which
-    have to outlast what they issue, and grants for others than the enclaves that carry them.
+    A lost, sold or compromised robot keeps its identity and rights until they end. Without revocation lists, which no
+    run time demands, nothing else ends them. Checked only with --deployed. Not checked: authorities, which have to
+    outlast what they issue, and grants for others than the enclaves that carry them.
     """
     certificates = [each for each in _identities(keystore) if each[1].not_after - each[1].not_before > LONGEST]
     lasting = [(c.not_after, e.path, located(c)) for e, c in certificates]
@@ -95,8 +95,8 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
 
     With one key, whoever takes one robot passes for the other, and revoking one certificate stops both. The same holds
     if one's key lies in the other keystore, as in a backup. With one subject (medium), a grant for either is one for
-    both, since peers find grants by subject. Only keystores of one run are compared. Their identities are read before
-    the audits begin; if an audit then reads others, it is incomplete.
+    both, since peers find grants by subject. Only keystores of one run are compared. If an audit then reads other
+    identities, it is incomplete.
     """
     beside = context.beside
     if beside is None:

@@ -225,8 +225,8 @@ def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
 def crl_not_everywhere(keystore: Keystore) -> Iterator[Violation]:
     """Some enclaves carry a revocation list and others none, or another one.
 
-    A revoked identity is refused only where the list is. The bytes of crl.pem are compared; a list that could not be
-    read counts as another one.
+    A revoked identity is refused only where the list is. The bytes are compared; an unreadable list counts as another
+    one.
     """
     lists: dict[str | None, list[Enclave]] = {}
     for enclave in keystore.enclaves:

@@ -252,7 +252,7 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
     events, the six parameter services, and since Iron get_type_description. Without them a node fails, unless it is
     told to do without. The policies of sros2 leave get_type_description out: no Jazzy node starts by them unless its
     parameter start_type_description_service is false. It is checked for nodes whose parameter services are granted by
-    name, if a chosen implementation ships only in distributions since Iron. Only nodes with simulated time read /clock.
+    name, if a chosen implementation ships only since Iron. Only nodes with simulated time read /clock.
     """
     ros = context.meaning.ros
     if ros is None:

@@ -176,8 +176,8 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
     """Somebody else than the permissions CA made the signature, and no identity of this keystore either.
 
     A certificate of the permissions CA file itself has to make every SignerInfo. Names prove nothing: sros2 calls every
-    authority CN=sros2CA. If the signer's certificate is neither here nor in the message, it is unknown whether the
-    signature is valid. Critical even if all refuse it.
+    authority CN=sros2CA. If the signer's certificate is neither here nor in the message, the signature's validity is
+    unknown. Critical even if all refuse it.
     """
     for signer, signature in _makers(use, context, _Maker.STRANGER):
         got = (
@@ -302,8 +302,8 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
     """The permissions CA signed, but some implementations refuse the document.
 
     Cyclone DDS and OpenDDS read only the first certificate of the CA file. Implementations that do not pin the signer
-    look for its certificate in the message. They want it fit for S/MIME signing, chained to a self-signed one, and try
-    only the first of each name. High if a chosen profile refuses, else low.
+    look for it in the message. They want it fit for S/MIME signing, chained to a self-signed one, and try only the
+    first of each name. High if a chosen profile refuses, else low.
     """
     refusals: dict[str, list[Profile]] = {}
     for file in dict.fromkeys(file for _enclave, file in use.judging):

@@ -138,8 +138,8 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
 def signed_governance_at_large(keystore: Keystore) -> Iterator[Violation]:
     """A governance document that the permissions CA signed lies where no enclave applies it.
 
-    It has no effect on enclaves, but whoever has an identity outside of them (KA668) may start with it: flows count
-    that. Whoever can write to a robot needs no key to put it in force, and it has no date.
+    Whoever has an identity outside the enclaves (KA668) may start with it: flows count that. Whoever can write to a
+    robot needs no key to put it in force, and it has no date.
     """
     found = governance_apart(keystore)
     if found:
@@ -239,11 +239,10 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
 def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A certificate outside the enclaves has its private key somewhere in the tree, and peers accept it.
 
-    Whoever has the tree can start it: a run time needs only a folder of six files, from anywhere. It is no enclave
-    here, but flows and properties count it. Peers accept it by a grant, even one that begins later, or without one if
-    join access control is off. It signs its own permissions if it has the permissions CA's key, or if the signer is not
-    pinned. Medium if an enclave has the same subject and all peers that accept this identity accept that enclave, too:
-    it then has no further rights.
+    Whoever has the tree can start it: six files are enough. It is no enclave here, but flows and properties count it.
+    Peers accept it by a grant, even one that begins later, or without one if join access control is off. It signs its
+    own permissions if it has the permissions CA's key, or if the signer is not pinned. Medium if an enclave has the
+    same subject and all peers that accept this identity accept that enclave, too: it then has no further rights.
 
     Certificates and keys are read in PEM anywhere, and in files in DER. Undecided if a PEM key that cannot be read (a
     password) may belong to it, unless it lies where authorities' keys do. Also undecided if a file with the mark of a

@@ -33,8 +33,7 @@ def _files() -> Iterator[Story]:
     yield from pair(
         "KA202",
         bad=Case(
-            "cert.pem holds a chain: the identity, then its authority. Run times read only the first certificate, "
-            "so the second only looks as if it counted.",
+            "cert.pem holds a chain: the identity, then its authority. Run times read only the first.",
             with_talker(changes={"cert.pem": TALKER_CERTIFICATE.pem() + IDENTITY_CA.pem()}),
         ),
         good=Case("cert.pem holds one certificate.", ONE),

@@ -38,8 +38,8 @@ def _participants() -> Iterator[Story]:
     yield from pair(
         "KA601",
         bad=Case(
-            "The governance covers domains 0 and 5, the talker's rules only domain 0. Fast DDS ignores a rule's "
-            "domain for its own endpoints, so the talker also publishes in domain 5.",
+            "The governance covers domains 0 and 5, the talker's rules only domain 0. Under Fast DDS the talker "
+            "also publishes in domain 5.",
             _in(ONE, *BOTH),
         ),
         good=Case("The talker's rules are for both domains.", _in(with_grant(rules=_for(BOTH, talking)), *BOTH)),
@@ -49,7 +49,7 @@ def _participants() -> Iterator[Story]:
         "KA602",
         bad=Case(
             "The governance covers domains 0 and 5 and lets everybody publish /clock; the talker's rules are for "
-            "domain 0. Cyclone DDS then asks no permissions to join domain 5, which the specification denies.",
+            "domain 0. Cyclone DDS still lets it join domain 5.",
             _in(ONE, *BOTH, topics=open_topic),
         ),
         good=Case(
@@ -78,8 +78,8 @@ def _partitions() -> Iterator[Story]:
     yield from pair(
         "KA604",
         bad=Case(
-            "The talker may publish /cmd_vel except in the partition lab. Fast DDS ignores the partitions of a deny "
-            "rule and denies it everywhere; so does Cyclone DDS, in its own way.",
+            "The talker may publish /cmd_vel except in the partition lab. Fast DDS denies it everywhere; so does "
+            "Cyclone DDS, in its own way.",
             with_rules(replace(here, allow=False), command),
         ),
         good=Case("Only an allow rule, for the default partition.", with_rules(command)),
@@ -87,9 +87,8 @@ def _partitions() -> Iterator[Story]:
     yield from pair(
         "KA605",
         bad=Case(
-            "A deny rule takes /cmd_vel from the talker, a later one allows it in the partition lab. The "
-            "specification denies it in every partition, Cyclone DDS 11 only in the default one. (The talker may "
-            "read the topic, or Cyclone DDS had none.)",
+            "A deny rule takes /cmd_vel from the talker, a later one allows it in the partition lab. Cyclone DDS 11 "
+            "denies it only in the default one. (The talker may read the topic, or Cyclone DDS had none.)",
             with_rules(replace(command, allow=False), here, Rule(subscribe=(COMMAND,))),
         ),
         good=Case("Neither rule: what is not allowed is denied.", ONE),
@@ -101,8 +100,8 @@ def _partitions() -> Iterator[Story]:
     yield from pair(
         "KA606",
         bad=Case(
-            "One rule allows /chatter in the partition public and /map in private. Fast DDS merges the partitions "
-            "of both, so the talker publishes /map in public.",
+            "One rule allows /chatter in the partition public and /map in private. Under Fast DDS the talker "
+            "publishes /map in public.",
             with_rules(Rule(publish=apart)),
         ),
         good=Case("A rule for each partition.", with_rules(*(Rule(publish=(criterion,)) for criterion in apart))),
@@ -112,8 +111,8 @@ def _partitions() -> Iterator[Story]:
     yield from pair(
         "KA637",
         bad=Case(
-            "The talker may not read /map in the partition secret, but may in *, meant for all others. Its reader "
-            "joins the partition * and meets the writers in secret.",
+            "The talker may not read /map in the partition secret, but may in *. Its reader joins the partition * "
+            "and meets the writers in secret.",
             with_rules(Rule(subscribe=(secret,), allow=False), Rule(subscribe=(read,))),
         ),
         good=Case(
@@ -149,8 +148,8 @@ def _rules() -> Iterator[Story]:
     yield from pair(
         "KA608",
         bad=Case(
-            "A deny rule forbids the listener to publish /chatter, to which it may subscribe. Cyclone DDS 0.10 "
-            "denies it the whole topic: the listener hears nothing.",
+            "A deny rule forbids the listener to publish /chatter. Cyclone DDS 0.10 denies it the whole topic: the "
+            "listener hears nothing.",
             replace(TWO, enclaves=(TALKER, listener(permissions=Permissions(grants=(denied,))))),
         ),
         good=Case("No deny rule: what is not allowed is denied.", TWO),
@@ -191,8 +190,8 @@ def _values() -> Iterator[Story]:
     yield from pair(
         "KA612",
         bad=Case(
-            "The grant begins on New Year's Day in Tonga, 13 hours ahead. Cyclone DDS reads zones up to 12 hours "
-            "and takes the date for long past: the talker's rights begin six weeks early.",
+            "The grant begins on New Year's Day in Tonga, 13 hours ahead. Cyclone DDS reads zones up to 12 hours: "
+            "the talker's rights begin six weeks early.",
             with_grant(not_before="2027-01-01T00:00:00+13:00"),
         ),
         good=Case("The same instant in UTC.", with_grant(not_before="2026-12-31T11:00:00")),
@@ -210,8 +209,8 @@ def _values() -> Iterator[Story]:
     yield from pair(
         "KA614",
         bad=Case(
-            "The talker may not publish /cmd_vel from domain 0 on. The specification reads every domain, Fast DDS "
-            "and Cyclone DDS only domain 0: the next rule allows it in domain 5.",
+            "The talker may not publish /cmd_vel from domain 0 on. Fast DDS and Cyclone DDS read only domain 0: the "
+            "next rule allows it in domain 5.",
             _in(
                 with_grant(
                     rules=(
@@ -232,8 +231,8 @@ def _values() -> Iterator[Story]:
     yield from pair(
         "KA615",
         bad=Case(
-            "/clock is under access control, but topics that begin with c are not. On OpenDDS one matching rule "
-            "without access control is enough, and the talker sets the clock.",
+            "/clock is under access control, but topics that begin with c are not. On OpenDDS the second rule is "
+            "enough, and the talker sets the clock.",
             _in(ONE, 0, topics=(TopicRule(expression="rt/clock"), replace(clock, expression="rt/c*"), TopicRule())),
         ),
         good=Case(

@@ -50,7 +50,7 @@ def _enclaves() -> Iterator[Story]:
         "KA642",
         bad=Case(
             "The policy has a second <profiles> for the talker, with the node that logs. `ros2 security` makes a "
-            "grant of it that no implementation uses; here the logger's right was added by hand.",
+            "grant of it that no implementation uses.",
             both,
             ("--policy", "policies/two_profiles.policy.xml"),
         ),

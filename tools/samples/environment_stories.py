@@ -29,7 +29,7 @@ def stories() -> Iterator[Story]:
 
 
 def _pair(code: str, bad: str, text: str, store: Store) -> Iterator[Story]:
-    right = "The environment enables and enforces security."
+    right = "Security is enabled and enforced."
     return pair(code, bad=Case(text, store, _env(bad)), good=Case(right, store, _env(RIGHT)))
 
 

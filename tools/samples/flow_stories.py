@@ -32,8 +32,8 @@ def stories() -> Iterator[Story]:
     yield from pair(
         "KA742",
         bad=Case(
-            "The talker is trusted, the listener is not, and nothing untrusted may reach what is trusted. But the "
-            "listener may publish /answer, to which the talker subscribes.",
+            "Nothing untrusted may reach what is trusted. But the untrusted listener may publish /answer, to which "
+            "the trusted talker subscribes.",
             _answering("rt/answer"),
         ),
         good=Case("Nobody subscribes to what the untrusted listener publishes.", _answering("rt/question")),

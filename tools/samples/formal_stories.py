@@ -103,8 +103,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA703",
         bad=Case(
-            "CVE-2023-24010: one authority serves both roles, and the talker signed itself /cmd_vel. `openssl smime "
-            "-verify -CAfile` calls that valid, and so do Cyclone DDS up to 0.10 and Fast DDS up to 2.6.4.",
+            "CVE-2023-24010: one authority serves both roles, and the talker signed itself /cmd_vel. Cyclone DDS up "
+            "to 0.10 and Fast DDS up to 2.6.4 accept that, as does `openssl smime -verify -CAfile`.",
             replace(
                 shared,
                 enclaves=(talker(permissions=permissions, seal=signed_by(TALKER_CERTIFICATE).smime), LISTENER),
@@ -119,8 +119,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA705",
         bad=Case(
-            "The authorities are separate, but permissions_ca.cert.pem holds both certificates. Fast DDS reads "
-            "both. If it does not pin the signer, every identity can sign rights.",
+            "The authorities are separate, but permissions_ca.cert.pem holds both certificates. If Fast DDS does "
+            "not pin the signer, every identity can sign rights.",
             replace(TWO, changes={"public/permissions_ca.cert.pem": bundle}),
         ),
         good=Case("permissions_ca.cert.pem holds only the permissions CA.", TWO),
@@ -216,8 +216,8 @@ def _insiders() -> Iterator[Story]:
     yield from pair(
         "KA723",
         bad=Case(
-            "/chatter is encrypted only as part of whole messages, with the key that all participants hold. The "
-            "listener has no grant for it and still reads it.",
+            "/chatter is encrypted only as part of whole messages, with the key of all participants. The listener "
+            "reads it without a grant.",
             governed(bystander, replace(QUIET, topics=(shared_key, TopicRule()))),
         ),
         good=Case(
@@ -228,8 +228,7 @@ def _insiders() -> Iterator[Story]:
     yield from pair(
         "KA724",
         bad=Case(
-            "sros2's own governance: who can check a message can make one. The listener can write /chatter to other "
-            "readers in the talker's name.",
+            "sros2's own governance: the listener can write /chatter to other readers in the talker's name.",
             governed(TWO, DomainRule()),
         ),
         good=Case(

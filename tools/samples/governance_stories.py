@@ -31,8 +31,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA401",
         bad=Case(
-            "The governance lacks the element that says whether joining needs a grant. DDS-Security 1.1 requires "
-            "it, and both vendors refuse the document (measured): nothing starts.",
+            "The governance lacks the element that says whether joining needs a grant. Both vendors refuse the "
+            "document (measured): nothing starts.",
             replace(ONE, governance=edited(text, _JOIN, "")),
         ),
         good=Case("The document fits the schema.", ONE),
@@ -52,8 +52,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA416",
         bad=Case(
-            "The listener carries an older governance that signs messages and does not encrypt them. Enclaves with "
-            "different protection never match, and no log says so.",
+            "The listener carries an older governance that signs messages and does not encrypt them. The two never "
+            "match.",
             with_listener(changes={"governance.p7s": signed_by(ONE.permissions_ca).smime(Governance().xml().encode())}),
         ),
         good=Case("Both carry the same governance.", TWO),
@@ -61,8 +61,8 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA421",
         bad=Case(
-            "The governance has the form of DDS-Security 1.0, as Ardent wrote it. It cannot say whether liveliness "
-            "is protected, so each implementation decides that.",
+            "The governance has the form of DDS-Security 1.0, as Ardent wrote it, and cannot say whether liveliness "
+            "is protected.",
             replace(ONE, governance=Governance(rules=(QUIET,), version="20160303")),
         ),
         good=Case("The form of DDS-Security 1.1.", ONE),
@@ -75,7 +75,7 @@ def _access() -> Iterator[Story]:
         "KA403",
         bad=Case(
             "Participants without an identity may join. Topics are encrypted, so they get no data, but they see who "
-            "is there and can use any topic added without protection.",
+            "is there.",
             governed(ONE, replace(bare, allow_unauthenticated=True)),
         ),
         good=Case("Every participant proved an identity.", governed(ONE, bare)),

@@ -76,8 +76,8 @@ def _revocation() -> Iterator[Story]:
     yield from pair(
         "KA213",
         bad=Case(
-            "The permissions CA signed the list, not the identity CA. It revokes nothing, and OpenSSL, which finds "
-            "no list of the issuer, refuses every identity.",
+            "The permissions CA signed the list, not the identity CA: it revokes nothing, and OpenSSL refuses every "
+            "identity.",
             _with_crl(revocation_list(STOLEN, issuer=PERMISSIONS_CA)),
         ),
         good=Case("The identity CA signed the list.", _with_crl(revocation_list(STOLEN))),
@@ -93,8 +93,7 @@ def _revocation() -> Iterator[Story]:
     yield from pair(
         "KA229",
         bad=Case(
-            "The list that revokes the stolen identity was appended to crl.pem, but run times read only the first. "
-            "Peers still accept whoever has the identity.",
+            "The list that revokes the stolen identity was appended to crl.pem, but run times read only the first.",
             _with_crl(revocation_list() + revocation_list(STOLEN)),
         ),
         good=Case("The newer list is the first.", _with_crl(revocation_list(STOLEN) + revocation_list())),
@@ -130,8 +129,8 @@ def _algorithms() -> Iterator[Story]:
     yield from pair(
         "KA217",
         bad=Case(
-            "The talker's key is on secp384r1, which is strong. But DDS-Security 1.1 (9.3.1) knows only RSA 2048 "
-            "and prime256v1, and Cyclone DDS refuses anything else.",
+            "The talker's key is on secp384r1: strong, but not named by DDS-Security 1.1 (9.3.1), and refused by "
+            "Cyclone DDS.",
             _with_curve("P-384"),
         ),
         good=Case("The key is on prime256v1.", ONE),
@@ -156,8 +155,7 @@ def _algorithms() -> Iterator[Story]:
     yield from pair(
         "KA224",
         bad=Case(
-            "The talker's serial number has 25 octets; RFC 5280 (4.1.2.2) allows 20. Some tools cut it off, and "
-            "then a revocation misses.",
+            "The talker's serial number has 25 octets; RFC 5280 (4.1.2.2) allows 20.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, serial=(1 << 199) - 1)),
         ),
         good=Case("The serial number has 20 octets.", ONE),
@@ -169,8 +167,7 @@ def _names() -> Iterator[Story]:
     yield from pair(
         "KA220",
         bad=Case(
-            "The enclave /talker has an identity called /announcer, and a grant for that name. It works, but "
-            "readers of the rights look for a folder /announcer.",
+            "The enclave /talker has an identity called /announcer, and a grant for that name.",
             with_talker(
                 certificate=renamed, permissions=Permissions(grants=(replace(TALKER_GRANT, path="/announcer"),))
             ),
@@ -181,8 +178,8 @@ def _names() -> Iterator[Story]:
     yield from pair(
         "KA225",
         bad=Case(
-            "Talker and listener have different keys and one name, /talker. Grants are for names, so the listener "
-            "presents the talker's permissions and publishes.",
+            "Talker and listener have different keys and one name, /talker: the listener presents the talker's "
+            "permissions and publishes.",
             with_listener(
                 certificate=namesake, permissions=Permissions(grants=(replace(LISTENER_GRANT, path="/talker"),))
             ),
@@ -211,8 +208,7 @@ def _names() -> Iterator[Story]:
     yield from pair(
         "KA228",
         bad=Case(
-            "After the talker's certificate stands another for the same key, CN=/admin, made for maintenance. Run "
-            "times read only the first, but whoever takes over the talker has both.",
+            "After the talker's certificate stands another for the same key, CN=/admin, made for maintenance.",
             with_talker(changes={"cert.pem": TALKER_CERTIFICATE.pem() + admin.pem()}),
         ),
         good=Case("The key has one certificate.", ONE),
@@ -220,8 +216,8 @@ def _names() -> Iterator[Story]:
     yield from pair(
         "KA117",
         bad=Case(
-            "The permissions CA was made with SHA-384, as a company guide demands. Fast DDS accepts only SHA-256 "
-            "for authorities and does not load it.",
+            "The permissions CA was made with SHA-384. Fast DDS accepts only SHA-256 for authorities and does not "
+            "load it.",
             replace(ONE, permissions_ca=replace(PERMISSIONS_CA, digest="sha384")),
         ),
         good=Case("The authority is signed with SHA-256.", ONE),
@@ -241,8 +237,7 @@ def _together() -> Iterator[Story]:
     yield from pair(
         "KA219",
         bad=Case(
-            "The listener has a copy of the talker's certificate and key: nobody can tell them apart, and whoever "
-            "takes over one has both.",
+            "The listener has a copy of the talker's certificate and key: nobody can tell them apart.",
             with_listener(
                 certificate=TALKER_CERTIFICATE,
                 permissions=Permissions(grants=(replace(LISTENER_GRANT, path="/talker"),)),
@@ -253,8 +248,7 @@ def _together() -> Iterator[Story]:
     yield from pair(
         "KA222",
         bad=Case(
-            "One authority issues identities and signs permissions. If the run time does not pin the signer, each "
-            "identity can sign itself any right (CVE-2023-24010, 24011, 24012).",
+            "One authority issues identities and signs permissions (CVE-2023-24010, 24011, 24012).",
             replace(ONE, permissions_ca=IDENTITY_CA),
         ),
         good=Case("Two authorities with different keys.", ONE),
@@ -273,8 +267,7 @@ def _together() -> Iterator[Story]:
     yield from pair(
         "KA223",
         bad=Case(
-            "Somebody appended their own authorities to both CA files of public/. Run times that read the whole "
-            "file accept their identities and permissions (measured on Fast DDS).",
+            "Somebody appended their own authorities to both CA files of public/.",
             replace(
                 ONE,
                 changes={

@@ -52,8 +52,7 @@ def stories() -> Iterator[Story]:
     yield from pair(
         "KA111",
         bad=Case(
-            "A key.p11 beside key.pem refers to a hardware module. Fast DDS takes its key, Cyclone DDS the file's. "
-            "The files do not tell whether they are the same.",
+            "A key.p11 beside key.pem refers to a hardware module. Fast DDS takes its key, Cyclone DDS the file's.",
             with_talker(changes={"key.p11": b"pkcs11:token=robot;object=talker\n"}),
         ),
         good=Case("The key is only the file key.pem.", ONE),
@@ -61,8 +60,8 @@ def stories() -> Iterator[Story]:
     yield from pair(
         "KA112",
         bad=Case(
-            "An enclave was copied without public/ and the shared governance. `ros2 security` sees no keystore "
-            "here, and the next `create_keystore` makes new authorities.",
+            "An enclave was copied without public/ and the shared governance: the next `create_keystore` makes new "
+            "authorities.",
             _without_shared(ONE),
         ),
         good=Case("The same copies with public/ and the shared governance.", copied(ONE.tree())),

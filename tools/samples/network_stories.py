@@ -115,7 +115,7 @@ GOOD: Network = {"talker": talker(), "listener": listener()}
 
 def stories() -> Iterator[Story]:
     """All pairs of KA8."""
-    both = "Mutual TLS, and rules by certificate names, both ways."
+    both = "Mutual TLS; rules by certificate names."
     for code, text, bad in (
         (
             "KA801",
@@ -132,11 +132,7 @@ def stories() -> Iterator[Story]:
             "/talker has a multicast endpoint, to which no rule applies.",
             {"talker": talker(listen={"endpoints": [OPENS, "udp/224.0.0.224:7446"]}, transport=_any("talker"))},
         ),
-        (
-            "KA804",
-            "/listener has no access control.",
-            {"listener": session("listener", connect={"endpoints": [OPENS]})},
-        ),
+        ("KA804", "/listener lacks access control.", {"listener": session("listener", connect={"endpoints": [OPENS]})}),
         (
             "KA805",
             "/listener allows what no rule is about.",

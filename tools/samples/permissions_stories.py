@@ -75,8 +75,7 @@ def _documents() -> Iterator[Story]:
     yield from pair(
         "KA517",
         bad=Case(
-            "A topic is empty. The schema allows it, but Cyclone DDS crashes on it. Peers send each other their "
-            "permissions, so one signed file stops others.",
+            "A topic is empty. The schema allows it, but Cyclone DDS crashes on it, also when a peer presents it.",
             _text("<topic>rt/chatter</topic>", "<topic></topic>"),
         ),
         good=Case("Every topic has a name.", ONE),
@@ -142,8 +141,7 @@ def _grants() -> Iterator[Story]:
     yield from pair(
         "KA520",
         bad=Case(
-            "The grant has blanks in its subject: CN = /talker. Fast DDS since 2.14 finds it. Under Fast DDS 2.6 "
-            "and Cyclone DDS 0.10 the talker has no rights.",
+            "The grant has blanks in its subject: CN = /talker. Only Fast DDS since 2.14 finds it.",
             with_grant(subject="CN = /talker"),
         ),
         good=Case("The subject has no blanks.", ONE),
@@ -161,8 +159,8 @@ def _grants() -> Iterator[Story]:
     yield from pair(
         "KA512",
         bad=Case(
-            "The talker's document also grants the listener /cmd_vel. Peers accept any document that the CA signed, "
-            "so the listener presents this one instead of its own.",
+            "The talker's document also grants the listener /cmd_vel, so the listener presents this one instead of "
+            "its own.",
             replace(
                 TWO,
                 enclaves=(

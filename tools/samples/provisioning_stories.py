@@ -50,7 +50,7 @@ def _unmanaged() -> Iterator[Story]:
         "KA660",
         bad=Case(
             "The talker's rights were narrowed to /chatter, but its earlier permissions, for every topic, are in "
-            "old/. They are still valid: a compromised talker presents them, and peers accept them.",
+            "old/ and still valid.",
             _kept(_WIDE),
         ),
         good=Case(
@@ -62,8 +62,7 @@ def _unmanaged() -> Iterator[Story]:
     yield from pair(
         "KA661",
         bad=Case(
-            "A governance without message protection, signed for tests, lies beside the current one. Whoever can "
-            "write to a robot can put it in force without a key.",
+            "A governance without message protection, signed for tests, lies beside the current one.",
             _with("enclaves/governance.p7s.test", signed_by(PERMISSIONS_CA).smime(weaker)),
         ),
         good=Case("The only governance is the one in use.", ONE),
@@ -83,7 +82,7 @@ def _unmanaged() -> Iterator[Story]:
         "KA663",
         bad=Case(
             "Archived permissions, validly signed, have a CDATA section in a topic's name, which parsers read "
-            "differently. What a peer reads in them is unknown.",
+            "differently.",
             _with("archive/2023/permissions.p7s", signed_by(PERMISSIONS_CA).smime(sectioned.encode())),
         ),
         good=Case(

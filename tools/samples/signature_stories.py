@@ -15,7 +15,7 @@ from .smime import Message, signed_by
 from .store import Seal, Store
 from .story import Case, Story, pair
 
-GENUINE = "The permissions CA signed permissions.p7s, as sros2 does."
+GENUINE = "The permissions CA signed it."
 CA_SIGNER = Signer(certificate=PERMISSIONS_CA)
 
 
@@ -50,8 +50,8 @@ def _signers() -> Iterator[Story]:
     yield from pair(
         "KA302",
         bad=Case(
-            "The talker signed its permissions with its own identity. The authorities are separate, so every run "
-            "time refuses them; with one authority for both roles, some accept them.",
+            "The talker signed its permissions with its own identity. Every run time refuses them, since the "
+            "authorities are separate.",
             _sealed(signed_by(TALKER_CERTIFICATE).smime),
         ),
         good=Case(GENUINE, ONE),
@@ -68,8 +68,8 @@ def _signers() -> Iterator[Story]:
     yield from pair(
         "KA316",
         bad=Case(
-            "The permissions CA was renewed with its old key, and the document names the new certificate. OpenSSL "
-            "looks for issuer and serial number in the enclave's old one, and finds no signer.",
+            "The permissions CA was renewed with its old key. The document names the new certificate, the enclave "
+            "has the old one, so OpenSSL finds no signer.",
             _sealed(signed_by(renewed).smime),
         ),
         good=Case("The document names the certificate that the enclave has.", ONE),
@@ -77,8 +77,7 @@ def _signers() -> Iterator[Story]:
     yield from pair(
         "KA317",
         bad=Case(
-            "Signed with -nocerts, to save some bytes. Implementations that look for the signer in the message "
-            "refuse it, the others accept it.",
+            "Signed with -nocerts: implementations that look for the signer in the message refuse it.",
             _sealed(_signed(embed_certificates=False)),
         ),
         good=Case("The signer's certificate is in the message.", ONE),
@@ -109,8 +108,7 @@ def _envelopes() -> Iterator[Story]:
     yield from pair(
         "KA306",
         bad=Case(
-            "Four bytes follow the CMS structure inside its base64. OpenSSL ignores them, stricter parsers do not: "
-            "two readers may disagree about one file.",
+            "Four bytes follow the CMS structure inside its base64. OpenSSL ignores them, stricter parsers do not.",
             _sealed(_signed(trailing=bytes(4))),
         ),
         good=Case(GENUINE, ONE),
@@ -141,8 +139,7 @@ def _forms() -> Iterator[Story]:
     yield from pair(
         "KA309",
         bad=Case(
-            "The permissions were signed over SHA-1, for which collisions exist. Whoever could choose the content "
-            "may hold a second document with the same signature.",
+            "The permissions were signed over SHA-1, for which collisions exist.",
             _sealed(_signed(digest="sha1")),
         ),
         good=Case(GENUINE, ONE),
@@ -150,8 +147,7 @@ def _forms() -> Iterator[Story]:
     yield from pair(
         "KA311",
         bad=Case(
-            "The document is inside the CMS structure (application/pkcs7-mime). It is valid, but nobody can read it "
-            "without a tool, and debug builds of Cyclone DDS abort.",
+            "The document is inside the CMS structure (application/pkcs7-mime): valid, but not readable in an editor.",
             _sealed(signed_by(PERMISSIONS_CA).opaque),
         ),
         good=Case(GENUINE, ONE),
@@ -168,8 +164,7 @@ def _forms() -> Iterator[Story]:
     yield from pair(
         "KA313",
         bad=Case(
-            "The signature covers only the document, without signed attributes (openssl's -noattr). It is valid, "
-            "but does not say when it was made, or for what kind of content.",
+            "The signature covers only the document, without signed attributes (openssl's -noattr).",
             _sealed(_signed(attributes=False)),
         ),
         good=Case(GENUINE, ONE),
@@ -191,8 +186,8 @@ def _numbers_of_signers() -> Iterator[Story]:
     yield from pair(
         "KA310",
         bad=Case(
-            "While the permissions CA is replaced, old and new authority both signed. Every signature must verify. "
-            "Cyclone DDS knows only the first certificate of the file, and refuses.",
+            "While the permissions CA is replaced, old and new authority both signed. Cyclone DDS knows only the "
+            "first, and refuses.",
             with_talker(seal=signed_by(PERMISSIONS_CA, successor).smime, changes=both),
         ),
         good=Case("Only the old authority signed, the first in the file.", with_talker(changes=both)),

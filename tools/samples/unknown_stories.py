@@ -36,8 +36,7 @@ def stories() -> Iterator[Story]:
     yield from pair(
         "KA906",
         bad=Case(
-            "A .p11 reference lies beside the listener's certificate. The files do not say which identity the "
-            "listener has, so no property of identities can be decided.",
+            "A .p11 reference lies beside the listener's certificate, so the listener's identity is unknown.",
             with_listener(changes={"cert.p11": b"pkcs11:token=robot;object=listener\n"}),
         ),
         good=Case("The certificate is only the file cert.pem.", TWO),
