@@ -105,8 +105,7 @@ def test_the_text_of_the_manual(repository: Path) -> None:
     manual = (repository / "docs/usage.md").read_text()
     lines = out.splitlines()
     begin = next(number for number, line in enumerate(lines) if line.startswith("[1] "))
-    shown = "\n".join(f"    {line}".rstrip() for line in lines[begin : begin + 11])
-    assert shown in manual
+    assert "\n".join(lines[begin : begin + 11]) in manual
 
 
 def matrix(*args: str | Path) -> dict[str, list[str]]:

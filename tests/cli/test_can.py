@@ -315,7 +315,7 @@ def test_text_of_the_sample_of_the_manual(repository: Path) -> None:
     code, out = answer("can", TURTLESIM, "/random", "publish", "/high_priority", "--at", AT)
     manual = (repository / "docs/usage.md").read_text()
     assert code == 1
-    assert "\n".join(f"    {line}".rstrip() for line in out.splitlines()) in manual
+    assert out in manual
 
 
 BATCH = (

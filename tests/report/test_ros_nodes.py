@@ -42,8 +42,8 @@ def test_a_participant_of_which_ros_2_makes_no_node(
 
 def test_severities_are_defined_in_one_place() -> None:
     """Two definitions were two, and one of them untrue of what every implementation refuses."""
-    usage = (ROOT / "docs/usage.md").read_text("utf-8")
-    rows = re.findall(r"^\| (\w+) \| ", usage.partition("| severity | meaning |")[2].partition("\n\n")[0], re.MULTILINE)
+    text = (ROOT / "docs/reading-the-report.md").read_text("utf-8")
+    rows = re.findall(r"^\| (\w+) \| ", text.partition("| severity | meaning |")[2].partition("\n\n")[0], re.MULTILINE)
     assert rows == [severity.value for severity in sorted(Severity, key=lambda each: each.rank)]
     for page in sorted((ROOT / "docs").glob("*.md")):
-        assert page.name == "usage.md" or "*critical*," not in page.read_text("utf-8"), page.name
+        assert page.name == "reading-the-report.md" or "*critical*," not in page.read_text("utf-8"), page.name
