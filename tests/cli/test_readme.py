@@ -1,13 +1,14 @@
-"""What README.md shows of the program is what the program prints."""
+"""What pages show of the program is what the program prints."""
 
 from __future__ import annotations
 
-from tools import readme_output
+import pytest
+
+from tools import page_output
 
 
-def test_the_shown_output_is_the_command_s() -> None:
-    text = readme_output.README.read_text("utf-8")
-    assert [match["command"] for match in readme_output.BLOCK.finditer(text)] == [
-        "sample_keystores/stock/talker_listener"
-    ]
-    assert readme_output.written() == text, "run tools/readme_output.py"
+@pytest.mark.parametrize("page", page_output.PAGES)
+def test_the_shown_output_is_the_command_s(page: str) -> None:
+    text = (page_output.ROOT / page).read_text("utf-8")
+    assert page_output.BLOCK.search(text)
+    assert page_output.written(page) == text, "run tools/page_output.py"
