@@ -1,6 +1,6 @@
 """Writes what `--help` prints into docs/usage.md, where `<!-- help: COMMAND -->` stands before a block of code.
 
-Options that read the same for `audit` are printed there alone: other blocks end with their names.
+An option that a command above explains in the same words is only named, behind "As for COMMAND:".
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ import textwrap
 from pathlib import Path
 
 USAGE = Path(__file__).resolve().parents[1] / "docs" / "usage.md"
-BLOCK = re.compile(r"(<!-- help: (?P<command>[a-z -]*?) -->\n```\n)(?P<shown>.*?)(\n```)", re.DOTALL)
+BLOCK = re.compile(r"(<!-- help: (?P<command>[a-z -]*?) -->\n```\n).*?(\n```)", re.DOTALL)
 _OPTION = re.compile(r"^  (?:-\w, )?(--[\w-]+).*\n(?: {4,}.*\n)*", re.MULTILINE)
-_FULL = "audit"
 
 
 def printed(command: str) -> str:
@@ -26,37 +25,32 @@ def printed(command: str) -> str:
     return done.stdout
 
 
-def _explained(text: str) -> set[tuple[str, ...]]:
-    """Return the words about each option, whatever the columns."""
-    return {tuple(match[0].split()) for match in _OPTION.finditer(text)}
-
-
-def shown(command: str, full: str) -> str:
-    """Return the help of a command, without what `full`, the help of `audit`, explains in the same words."""
-    text = printed(command)
-    if command == _FULL:
-        return text.rstrip("\n")
-    shared: list[str] = []
+def shown(command: str, explained: dict[tuple[str, ...], str]) -> str:
+    """Return the help of a command, without the options that `explained` has by their words, to which it adds the rest."""
+    named: dict[str, list[str]] = {}
 
     def own(match: re.Match[str]) -> str:
-        if tuple(match[0].split()) not in _explained(full):
+        above = explained.setdefault(tuple(match[0].split()), command)
+        if above == command:
             return match[0]
-        shared.append(match[1])
+        named.setdefault(above, []).append(match[1])
         return ""
 
-    text = _OPTION.sub(own, text).rstrip("\n")
-    named = [name for name in shared if name != "--help"]
-    if not named:
-        return text
-    line = f"As for {_FULL}: {', '.join(named)}."
-    return f"{text}\n\n{textwrap.fill(line, 78, initial_indent='  ', subsequent_indent='  ', break_on_hyphens=False)}"
+    text = _OPTION.sub(own, printed(command)).rstrip("\n")
+    lines = [f"As for {above}: {', '.join(names)}." for above, names in named.items() if names != ["--help"]]
+    return "\n".join([text, *([""] if lines else []), *(_wrapped(line.replace(", --help.", ".")) for line in lines)])
+
+
+def _wrapped(line: str) -> str:
+    return textwrap.fill(line, 78, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
 
 
 def written() -> str:
     """Return the page as it has to be."""
-    full = printed(_FULL)
-    text = USAGE.read_text("utf-8")
-    return BLOCK.sub(lambda match: f"{match[1]}{shown(match['command'], full)}{match[4]}", text)
+    explained: dict[tuple[str, ...], str] = {}
+    return BLOCK.sub(
+        lambda match: f"{match[1]}{shown(match['command'], explained)}{match[3]}", USAGE.read_text("utf-8")
+    )
 
 
 def main() -> None:
