@@ -26,7 +26,7 @@ def printed(command: str) -> str:
 
 
 def shown(command: str, explained: dict[tuple[str, ...], str]) -> str:
-    """Return the help of a command: options that `explained` has by their words are named, all others are added to it."""
+    """Return the help of a command. Options that `explained` has by their words are named; it gets all others."""
     named: dict[str, list[str]] = {}
 
     def own(match: re.Match[str]) -> str:
