@@ -19,7 +19,7 @@ sys.path.insert(0, str(ROOT))
 
 from tools.samples.store import copy_with_modes  # noqa: E402
 
-PAGES: Final = ("README.md", "docs/quickstart.md", "docs/ci.md", "docs/zenoh.md")
+PAGES: Final = ("README.md", "docs/quickstart.md", "docs/ci.md", "docs/usage.md", "docs/zenoh.md")
 BLOCK: Final = re.compile(r"(^```sh\n(?P<script>(?:(?!```).*\n)+)```\n```(?:toml)?\n)(?:(?!```).*\n)*", re.MULTILINE)
 
 SHOWN: Final = "2026-11-24"
@@ -29,7 +29,7 @@ AS_CLONED: Final = 0o644
 """The mode of private keys where git checks them out with the usual umask."""
 
 PROGRAM: Final = """#!/bin/sh
-case $1 in can|diff|explain|flow|suggest) ;; *) set -- "$@" --engine native ;; esac
+case $1 in access|can|check|diff|explain|flow|model|prove|rules|suggest) ;; *) set -- "$@" --engine native ;; esac
 exec '{python}' -m keystore_audit "$@"
 """
 """The native engine alone: with --quiet nothing tells that from both, and it needs no Java."""
@@ -40,7 +40,7 @@ def written(page: str) -> str:
     text = (ROOT / page).read_text("utf-8")
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        for sample in set(re.findall(r"\b(?:flows|healthy|networks|stock|zenoh)/\w+", text)):
+        for sample in {"graphs", *re.findall(r"\b(?:flows|healthy|networks|stock|zenoh)/\w+", text)}:
             copy_with_modes(ROOT / "sample_keystores" / sample, folder / "sample_keystores" / sample, AS_CLONED)
         program = folder / "bin/keystore-audit"
         program.parent.mkdir()

@@ -100,14 +100,6 @@ def _assert_text_and_csv_say_it(store: Path, at: str, json_code: int, groups: li
         assert profiles == [each for each in VARIANTS if each in profiles] != []
 
 
-def test_the_text_of_the_manual(repository: Path) -> None:
-    _code, out = answer("access", SAMPLES / "healthy/turtlesim", "--at", AT)
-    manual = (repository / "docs/usage.md").read_text()
-    lines = out.splitlines()
-    begin = next(number for number, line in enumerate(lines) if line.startswith("[1] "))
-    assert "\n".join(lines[begin : begin + 11]) in manual
-
-
 def matrix(*args: str | Path) -> dict[str, list[str]]:
     """The rows of the text: label to cells, of the first matrix."""
     _code, out = answer("access", *args, "--at", AT)

@@ -311,13 +311,6 @@ def test_hostile_names_steer_no_terminal(tmp_path: Path) -> None:
     json.dumps(document, ensure_ascii=False).encode()  # no lone surrogate is left
 
 
-def test_text_of_the_sample_of_the_manual(repository: Path) -> None:
-    code, out = answer("can", TURTLESIM, "/random", "publish", "/high_priority", "--at", AT)
-    manual = (repository / "docs/usage.md").read_text()
-    assert code == 1
-    assert out in manual
-
-
 BATCH = (
     b"/random\tpublish\trt/low_priority\n"
     b"\n"
