@@ -269,8 +269,8 @@ def _meeting(sheet: Sheet, causes: Sequence[Cause]) -> Mapping[str, Any]:
 
 
 def _assumes(report: Report) -> str:
-    """What holds only if something else does, which many a page that fails has too."""
-    return report.holds_if.replace("HOLDS IF", "Assumes:", 1)
+    """The conditions; on a page that fails, nobody asks first what holds."""
+    return report.holds_if.replace("HOLDS IF", "Assumes:", report.verdict is Verdict.FAIL)
 
 
 def _basis(sheet: Sheet) -> Mapping[str, Any]:
