@@ -55,7 +55,7 @@ def check_beside(path: Path, keystores: Iterable[str | Path]) -> None:
             raise UsageError(f"{path} lies in the keystore {keystore}, which would judge itself: keep it elsewhere.")
     linked = _linked(here, keystores)
     if linked is not None:
-        raise UsageError(f"{path} is also {linked} of a keystore, which would judge itself: keep a copy of it.")
+        raise UsageError(f"{path} is also the file {linked} of a keystore, which would judge itself: use a copy.")
 
 
 def _linked(file: Path, keystores: Iterable[str | Path]) -> str | None:
