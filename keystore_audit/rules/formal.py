@@ -135,7 +135,7 @@ _decided(
     Severity.HIGH,
     """No enclave can sign a permissions document that its peers accept.
 
-    Such an enclave can do anything. The profiles say for which implementations this was measured, and for which only
+    Such an enclave can do anything. The profiles say for which implementations pinning was measured, and for which only
     read.
     """,
     decision("Use separate authorities for identities and permissions, and implementations that pin the signer."),

@@ -334,7 +334,7 @@ def permissions_too_large(use: PermissionsUse, context: Context) -> Iterator[Vio
         if unfit:
             yield Violation(
                 f"{enclave.path} sends peers {octets:,} octets of certificate and permissions. A handshake of "
-                f"{_DYING.title} holds {min(limits.values()):,}, else it talks to nobody and its process ends.",
+                f"{_DYING.title} holds {min(limits.values()):,}: it talks to nobody, and its process ends.",
                 (Location(use.signed.file.place),),
                 severity=Severity.HIGH if _DYING.name in unfit else None,
                 enclave=enclave.path,

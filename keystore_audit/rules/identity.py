@@ -203,7 +203,7 @@ def identity_is_authority(use: CertificateUse) -> Iterator[Violation]:
 
     Fast DDS 2.9.1 and Cyclone DDS 0.10.2 refuse identities that the enclave issued (measured): peers know only the
     identity CA's certificate. They accept them once a CA file holds the enclave's certificate, or a peer is shown a
-    chain. sros2 makes none.
+    chain. No certificate from sros2 says so.
     """
     for enclave, certificate in _carriers(use):
         if certificate.is_ca:

@@ -81,7 +81,7 @@ def multicast_link(process: Process) -> Iterator[Violation]:
     """
     ends = [end for end in _ends(process) if end.multicast]
     if ends:
-        message = f"{process.name} has the multicast endpoint {quoted(ends[0].text)}, on which no rule counts."
+        message = f"{process.name} has the multicast endpoint {quoted(ends[0].text)}, to which no rule applies."
         yield found(process, message, *(end.line for end in ends))
 
 
@@ -100,7 +100,7 @@ def plain_link_to_whom_announces(process: Process) -> Iterator[Violation]:
     says = process.says
     if says.starts and says.seeks and says.plain and any(end.protocol in SECURED for end in _ends(process)):
         who = "anybody on the network" if says.multicast else "any enclave"
-        message = f"{process.name} connects without TLS to {who} that announces an address so."
+        message = f"{process.name} connects without TLS to {who} that announces a plain address."
         scouting = says.find("scouting")
         severity = Severity.CRITICAL if says.multicast else None
         yield found(process, message, scouting.line if scouting is not None else None, severity=severity)
@@ -155,7 +155,7 @@ def link_outlives_certificate(process: Process) -> Iterator[Violation]:
     secured = [end for end in _ends(process) if end.protocol in SECURED]
     lasting = [end for end in secured if process.says.tls(end, "close_link_on_expiration")[0] is not True]
     if lasting:
-        message = f"{process.name} keeps links whose certificate has ended."
+        message = f"{process.name} keeps links whose certificate has expired."
         yield found(process, message, lasting[0].line)
 
 
@@ -186,7 +186,7 @@ def links_never_revoked(process: Process) -> Iterator[Violation]:
 def other_roots_trusted(process: Process, context: Context) -> Iterator[Violation]:
     """A process trusts another CA than the enclave's identity CA, or several: whoever holds one of their keys is in.
 
-    All certificates in the file are trusted, even one that has ended or is no CA (measured).
+    All certificates in the file are trusted, even one that has expired or is no CA (measured).
     """
     said, line = process.says.tls(None, CERTIFICATES[0])
     named = context.network.named if context.network is not None and isinstance(said, str) else None

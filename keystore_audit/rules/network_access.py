@@ -80,7 +80,7 @@ def deny_rule_evaded(process: Process) -> Iterator[Violation]:
     """A deny rule can be evaded: with default allow, it does not apply to a message about a wider expression.
 
     A put on `**` reaches a subscriber of what is denied, and a subscriber of `**` gets it (measured). With default
-    deny, it is void for a process that is also a subject of an allow rule: medium.
+    deny, it is void for a process that is also another subject, with an allow rule: medium.
     """
     access = process.says.access
     if access is None or not process.says.starts:
@@ -354,7 +354,7 @@ def domain_of_no_other(network: Network) -> Iterator[Violation]:
     ]
     if alone and not (open_to_any or network.unread):
         domains = listed(f"{domain}" for domain in spoken[alone[0].path])
-        message = f"No other file is about the domain of {alone[0].name}, {domains}{more_like(alone)}."
+        message = f"No other file has rules for the domain of {alone[0].name}, {domains}{more_like(alone)}."
         yield Violation(message, [each.at(None) for each in alone])
 
 

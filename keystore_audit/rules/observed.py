@@ -160,7 +160,7 @@ def _granted(name: GrantedName) -> str:
 def node_in_unknown_enclave(observed: Observation, context: Context) -> Iterator[Violation]:
     """A node is to run in an enclave that the keystore does not have: under Enforce it does not start.
 
-    A process without `--enclave` is in the enclave `/`. It may be in an unread part of the keystore.
+    A process without `--enclave` is in the enclave `/`. The enclave may be in an unread part of the keystore.
     """
     known = [enclave.path for enclave in context.keystore.enclaves]
     for unknown in observed.unknown:
@@ -249,8 +249,8 @@ def launch_changes_security(observed: Observation, context: Context) -> Iterator
 
     What it sets overrides the robot's environment (`--env`). The audit is incomplete if only running the file tells a
     value. So it is if something about security is not read: code that is not followed, commands, and what stands before
-    a program. A domain is high if no governance covers it. It is low if all do and every enclave is granted something
-    there, else medium.
+    a program. A domain that it sets is high if no governance covers it, low if all do and every enclave is granted
+    something there, else medium.
     """
     for variable in observed.variables:
         harm = _harm(variable, context)

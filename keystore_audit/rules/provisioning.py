@@ -95,8 +95,8 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
 
     With one key, whoever takes one robot passes for the other, and revoking one certificate stops both. The same holds
     if one's key lies in the other keystore, as in a backup. With one subject (medium), a grant for either is one for
-    both, since peers find grants by subject. Only keystores of one run are compared. If an audit then reads other
-    identities, it is incomplete.
+    both, since peers find grants by subject. Only keystores of one run are compared. If an audit reads other identities
+    than were compared, it is incomplete.
     """
     beside = context.beside
     if beside is None:

@@ -214,8 +214,8 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
 def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violation]:
     """An identity, not the permissions CA, made the signature: an enclave gave rights to itself or to another.
 
-    `openssl smime -verify -CAfile` says "Verification successful". So do implementations that take any signer under the
-    authority (measured with real processes).
+    `openssl smime -verify -CAfile` says "Verification successful". Implementations that take any signer under the
+    authority accept it (measured with real processes).
     """
     for signer, _signature in _makers(use, context, _Maker.IDENTITY):
         if signer is None:

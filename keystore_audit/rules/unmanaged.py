@@ -245,9 +245,9 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     same subject and all peers that accept this identity accept that enclave, too: it then has no further rights.
 
     Certificates and keys are read in PEM anywhere, and in files in DER. Undecided if a PEM key that cannot be read (a
-    password) may belong to it, unless it lies where authorities' keys do. Also undecided if a file with the mark of a
-    certificate or key cannot be read. Other unread files (KA121) are assumed to hold none. For an enclave's own
-    certificate in a form that no run time reads, see certificate-unreadable.
+    password) may belong to such a certificate, unless it lies where authorities' keys do. Also undecided if a file with
+    the mark of a certificate or key cannot be read. Other unread files (KA121) are assumed to hold none. For an
+    enclave's own certificate in a form that no run time reads, see certificate-unreadable.
     """
     identities = keystore.identities
     unreadable = {enclave.files.files[Role.CERTIFICATE].place for enclave in keystore.enclaves if not enclave.identity}
