@@ -74,10 +74,10 @@ _WORDS: Final = {
         "The authorities whose certificates lie in the CA files are the ones to trust: nobody declared them.",
     ),
     Assumption.NOTHING_ELSE_CERTIFIED: (
-        "authorities certified nothing beyond this list",
+        "authorities certified nothing else",
         (
             "The keys of both authorities, and of all CAs that they issued, certified nothing but the certificates "
-            "listed here by fingerprint."
+            "found here."
         ),
     ),
     Assumption.NO_OTHER_DOCUMENTS: (

@@ -96,7 +96,7 @@ def test_bad_and_broken_releases_are_blocked(workspace: Workspace, sample: str, 
     assert workspace.report("keys.svr.json")["predicate"]["properties"] == []
     assert (workspace.folder / "summary.md").read_text().startswith("## keystore-audit: ")
     assert sorted(path.name for path in (workspace.folder / "reports").iterdir()) == [
-        "keys.md", "keys.sarif", "keys.statement.json", "keys.svr.json", "keys.xml",
+        "keys.html", "keys.md", "keys.sarif", "keys.statement.json", "keys.svr.json", "keys.xml",
     ]  # fmt: skip
     assert workspace.run("check.sh", PYTHONOPTIMIZE="1").returncode != 0
 

@@ -22,7 +22,7 @@ from keystore_audit.properties.result import Answer, Counterexample, Role
 from keystore_audit.text import instant, shorten, some
 
 UNDER: Final = {
-    Attacker.HONEST: "even if nobody attacks",
+    Attacker.HONEST: "no attack is needed",
     Attacker.SOURCE: "if it attacks",
     Attacker.RELAYS: "if some of those named attack",
 }

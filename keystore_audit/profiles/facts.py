@@ -87,11 +87,11 @@ EXPECTED_FILES: Final = "expected the folder of the session and router files of 
 OVERRIDE_OF_CONFIGURATION: Final = "ZENOH_CONFIG_OVERRIDE"
 """The variable that replaces values of every configuration, after the file (measured)."""
 ROUTED_STATED: Final = (
-    "With rmw_zenoh, governance and permissions have no effect; only KA8 is about it. KA8 assumes that every process "
-    "starts with its file in {} and that no other process takes part."
+    "In rmw_zenoh, governance and permissions have no effect: findings KA801 to KA899 judge it. They assume that every "
+    "process but an attacker's starts with its file in {}, and that no other takes part."
 )
 ROUTED_SCOPE: Final = "rmw_zenoh with the files in {}"
-ROUTED_ENFORCES_NONE: Final = "in DDS, and rmw_zenoh enforces none"
+ROUTED_ENFORCES_NONE: Final = "in DDS; rmw_zenoh enforces none of them"
 ROUTED_TITLE: Final = "Who can do what in Zenoh"
 ROUTED_PAGE: Final = "keystore-audit, docs/zenoh.md"
 ROUTED_TLS: Final = "Zenoh, zenoh-link-tls, utils.rs and unicast.rs (read); measured on 1.10.2"

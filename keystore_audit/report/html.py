@@ -21,16 +21,14 @@ from jinja2 import Environment
 from jinja2.ext import Extension
 from markupsafe import Markup
 from msgspec import Struct
-from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.model.blast_radius import Ranking
 from keystore_audit.profiles import facts, implementations
 from keystore_audit.properties.result import Status
 from keystore_audit.report.access_words import SHORT, full_name
 from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict
-from keystore_audit.report.html_tables import Sheet, access, certificates, differing, profiles, routed
+from keystore_audit.report.html_tables import Sheet, access, certificates, differing, profiles, rankings, routed
 from keystore_audit.report.page import by_answer, worst_first
 from keystore_audit.report.pictures import flows, timeline
 from keystore_audit.report.system_picture import system
@@ -69,15 +67,6 @@ MAX_OF_RULE: Final = 30
 
 MAX_SEEN: Final = 4
 """Findings of one rule that are seen without a click."""
-
-MAX_RANKED: Final = 12
-"""Enclaves of a ranking that are seen without a click."""
-
-MAX_ROWS: Final = 200
-"""Rows of one ranking; enclaves with the same numbers are one row."""
-
-MAX_RANKINGS: Final = 4
-"""Rankings, where profiles differ."""
 
 _UNBROKEN: Final = 20
 """Characters up to which a name is left in one piece."""
@@ -188,21 +177,24 @@ def _policy(style: str) -> str:
 
 def _sections(sheet: Sheet) -> Iterator[_Section]:
     report, overview = sheet.report, sheet.report.overview
+    of = " in DDS" if report.network else ""
     counting = sum(finding.suppressed is None for finding in sheet.shown)
     yield _Section(key="findings", title="Findings", badge=str(counting), view=_findings(sheet))
-    yield _Section(key="properties", title="Properties", badge=_statuses(report), view=_properties(report))
+    yield _Section(key="properties", title=f"Properties{of}", badge=_statuses(report), view=_properties(report))
     if report.network:
         yield _Section(key="routed", title=facts.ROUTED_TITLE, view=routed(report))
     if overview is not None:
-        title = "Who may do what in DDS" if report.network else "Who may do what"
-        yield _Section(key="access", title=title, view=access(sheet, overview))
-        yield _Section(key="flows", title="Information flow", view=flows(overview, len(report.enclaves)))
-        yield _Section(key="radius", title="Blast radius", view=_rankings(report.blast_radius or ()))
+        yield _Section(key="access", title=f"Who may do what{of}", view=access(sheet, overview))
+        yield _Section(key="flows", title=f"Information flow{of}", view=flows(overview, len(report.enclaves)))
+        yield _Section(key="radius", title=f"Blast radius{of}", view=rankings(report.blast_radius or ()))
     yield _Section(key="starting", title="Who can start", view=_starting(report))
     rows = [*differing(sheet)]
     table = None if overview is None else overview.access
     yield _Section(
-        key="profiles", title="Implementations", badge=str(len(rows) or ""), view=profiles(sheet, rows, table)
+        key="profiles",
+        title=f"Implementations{' of DDS' if of else ''}",
+        badge=str(len(rows) or ""),
+        view=profiles(sheet, rows, table),
     )
     if overview is not None:
         safe = None if report.verdict is Verdict.FAIL else report.safe_until
@@ -227,15 +219,19 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
     lines = accumulate(map(_lines, weighing))
     shown = [each for each, end in zip(weighing, lines, strict=True) if end <= MAX_LINES or each is weighing[0]]
     shown = shown or [*causes[:MAX_LIGHT]]
-    beside = f"{facts.ROUTED_SCOPE.format(shorten(report.network, MAX_TITLE))}; " if report.network else ""
+    beside = (
+        f"{facts.ROUTED_SCOPE.format(shorten(report.network, MAX_TITLE))}, and apart from it for "
+        if report.network
+        else ""
+    )
     return {
         "first": _first(sheet, shown),
         "scope": f"Judged for {beside}{report.scope or implementations(sheet.profiles)}, as of {instant(report.at)}.",
         "rests": _assumes(report),
         "warnings": [*warnings(report, versions=True)],
-        "title": counted(len(causes), "cause"),
+        "title": f"{counted(len(causes), 'cause')} of {counted(sum(report.summary.values()), 'finding')}",
         "causes": shown,
-        "more": f"{len(causes) - len(shown)} more below." if len(causes) > len(shown) else "",
+        "more": f"{len(causes) - len(shown)} more under Findings." if len(causes) > len(shown) else "",
         "system": system([entry.path for entry in report.enclaves], overview, report.routed, shown, sheet.consequences),
     }
 
@@ -246,15 +242,20 @@ def _lines(cause: Cause) -> int:
 
 
 def _first(sheet: Sheet, causes: Sequence[Cause]) -> str:
-    """Which enclave can do what, of the first cause that says so; else what the verdict means."""
-    if sheet.report.verdict is Verdict.FAIL:
-        paths = tuple(f"{entry.path} " for entry in sheet.report.enclaves)
-        for finding in (each for cause in causes for each in cause.every):
-            said = sheet.consequences.example(finding)
-            if finding.fails(sheet.report.fail_on) and said.startswith(paths):
-                asserted = ", ".join(finding.properties)
-                return f"{said} The settings forbid it: {asserted}." if asserted else said
-    return _meaning(sheet.report)
+    """Which enclave can do what, of the first cause that says so; else what the first says, or the verdict."""
+    report = sheet.report
+    failing = [each for cause in causes for each in cause.every if each.fails(report.fail_on)]
+    if report.verdict is not Verdict.FAIL or not failing:
+        return _meaning(report)
+    paths = tuple(f"{entry.path} " for entry in report.enclaves)
+    for finding in failing:
+        said = sheet.consequences.example(finding)
+        if said.startswith(paths):
+            concerned = [each for each in sheet.profiles if each in finding.profiles] or sheet.profiles
+            only = f" On {implementations(concerned)} only." if len(concerned) < len(sheet.profiles) else ""
+            asserted = f" The settings forbid it: {', '.join(finding.properties)}." if finding.properties else ""
+            return f"{said}{only}{asserted}"
+    return failing[0].message
 
 
 def _meeting(sheet: Sheet, causes: Sequence[Cause]) -> Mapping[str, Any]:
@@ -265,12 +266,13 @@ def _meeting(sheet: Sheet, causes: Sequence[Cause]) -> Mapping[str, Any]:
         "left_out": len(causes) - len(shown),
         "meaning": _meaning(sheet.report),
         "assumes": _assumes(sheet.report),
+        "accepted": sheet.report.accepted[:MAX_DECIDED],
     }
 
 
 def _assumes(report: Report) -> str:
     """The conditions; on a page that fails, nobody asks first what holds."""
-    return report.holds_if.replace("HOLDS IF", "Assumes:", report.verdict is Verdict.FAIL)
+    return report.holds_if.replace("HOLDS IF", "What holds below, holds if", report.verdict is Verdict.FAIL)
 
 
 def _basis(sheet: Sheet) -> Mapping[str, Any]:
@@ -290,7 +292,10 @@ def _basis(sheet: Sheet) -> Mapping[str, Any]:
             ("judged as", ", ".join(sheet.profiles)),
             ("properties", f"{len(report.holding)} of {len(report.properties)} hold"),
         ],
-        "engines": [engine(run, version=True) for run in report.engines],
+        "engines": [
+            *(engine(run, version=True) for run in report.engines),
+            *(["They agree."] if report.engines_agree else []),
+        ],
         "looked_at": ", ".join(counted(number, noun) for noun, number in looked_at.items()),
         "assumed": assumed(report),
         "how": HOW,
@@ -346,7 +351,8 @@ def _rule(rank: int, found: Sequence[Finding], *, first: bool) -> Mapping[str, A
 
 def _properties(report: Report) -> Mapping[str, Any]:
     """Those that do not hold with their counterexamples, the worst first, and those that do."""
-    failed = sorted(report.properties, key=lambda result: STATUSES.index(result.status))
+    worst = {each: finding.severity.rank for finding in reversed(report.findings) for each in _about(finding)}
+    failed = sorted(report.properties, key=lambda each: (STATUSES.index(each.status), worst.get(each.prop.id, 0)))
     engines = (engine for each in report.holding for answer in each.profiles.values() for engine in answer.engines)
     return {
         "failed": [
@@ -359,6 +365,11 @@ def _properties(report: Report) -> Mapping[str, Any]:
     }
 
 
+def _about(finding: Finding) -> tuple[str, ...]:
+    """The properties that a finding is about, if it is about any."""
+    return finding.properties or (finding.name,)
+
+
 def _starting(report: Report) -> Mapping[str, Any]:
     """Which enclaves can start, and why the others cannot."""
     well, refused = starting(report)
@@ -366,27 +377,4 @@ def _starting(report: Report) -> Mapping[str, Any]:
         "well": [entry.path for entry in well],
         "refused": [(entry, [*by_answer(entry.profiles).items()]) for entry in refused],
         "beside": nodes_beside(report.findings),
-    }
-
-
-def _rankings(rankings: Sequence[Ranking]) -> Sequence[Mapping[str, Any]]:
-    """What follows from the loss of each enclave's key, the worst first; that of the most profiles first."""
-    return [_ranking(each) for each in rankings[:MAX_RANKINGS]]
-
-
-def _ranking(ranking: Ranking) -> Mapping[str, Any]:
-    """Enclaves with the same numbers together, where there are many."""
-    few = MAX_RANKED + 2
-    rows = [[each] for each in ranking.enclaves]
-    if len(rows) > few:
-        rows = [*grouped(ranking.enclaves, lambda each: replace(each, path="")).values()]
-    seen = len(rows) if len(rows) <= few else MAX_RANKED
-    return {
-        "profiles": ", ".join(ranking.profiles),
-        "most": max((each.enclaves_reached for each in ranking.enclaves), default=0),
-        "seen": rows[:seen],
-        "rest": rows[seen:MAX_ROWS],
-        "rest_count": sum(map(len, rows[seen:])),
-        "left_out": sum(map(len, rows[MAX_ROWS:])),
-        "endless": any(each.endless for each in ranking.enclaves),
     }

@@ -10,9 +10,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any, Final
 
+from msgspec.structs import replace
+
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.typed import Operation
+from keystore_audit.model.blast_radius import Ranking
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.intended.meant import Uses
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
@@ -45,7 +48,13 @@ MAX_CELLS: Final = 12_000
 """Cells of all matrices: what a browser shows at once without effort."""
 
 MAX_ROWS: Final = 250
-"""Rows of one matrix; the least protected are drawn."""
+"""Rows of one matrix (the least protected are drawn), or of one ranking (enclaves with the same numbers are one)."""
+
+MAX_RANKED: Final = 12
+"""Enclaves of a ranking that are seen without a click."""
+
+MAX_RANKINGS: Final = 4
+"""Rankings, where profiles differ."""
 
 MAX_DIFFERENT: Final = 60
 """Things that are set side by side."""
@@ -320,3 +329,26 @@ def _roles(certificate: IssuedCertificate) -> str:
     if own:
         roles.append("identity" if len(own) == 1 else f"identity of {len(own)} enclaves: {', '.join(own[:4])}")
     return " · ".join(roles)
+
+
+def rankings(rankings: Sequence[Ranking]) -> Sequence[Mapping[str, Any]]:
+    """What follows from the loss of each enclave's key, the worst first; that of the most profiles first."""
+    return [_ranking(each) for each in rankings[:MAX_RANKINGS]]
+
+
+def _ranking(ranking: Ranking) -> Mapping[str, Any]:
+    """Enclaves with the same numbers together, where there are many."""
+    few = MAX_RANKED + 2
+    rows = [[each] for each in ranking.enclaves]
+    if len(rows) > few:
+        rows = [*grouped(ranking.enclaves, lambda each: replace(each, path="")).values()]
+    seen = len(rows) if len(rows) <= few else MAX_RANKED
+    return {
+        "profiles": ", ".join(ranking.profiles),
+        "most": max((each.enclaves_reached for each in ranking.enclaves), default=0),
+        "seen": rows[:seen],
+        "rest": rows[seen:MAX_ROWS],
+        "rest_count": sum(map(len, rows[seen:])),
+        "left_out": sum(map(len, rows[MAX_ROWS:])),
+        "endless": any(each.endless for each in ranking.enclaves),
+    }

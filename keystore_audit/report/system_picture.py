@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import Any, Final
 
 from msgspec import Struct
@@ -11,6 +12,7 @@ from keystore_audit.grouped import gathered, grouped
 from keystore_audit.model.tables.access_rows import label
 from keystore_audit.model.tables.access_table import AccessTable
 from keystore_audit.model.tables.overview import Neighbourhood, Overview
+from keystore_audit.properties.result import Step
 from keystore_audit.report.pictures import fitted
 from keystore_audit.report.view_model import Cause, Consequences
 from keystore_audit.text import some
@@ -43,26 +45,30 @@ _MIDDLE_X: Final = (WIDTH - MIDDLE) // 2
 _AT: Final = (0.3, 0.5, 0.7)
 _Ends = dict[str, tuple[set[str], set[str]]]
 """By topic who sends and who receives."""
-_About = tuple[str, str, int]
-"""An enclave, a topic (empty: none in particular), and the number of a cause."""
+_About = tuple[str, str, int, int]
+"""An enclave, a topic (empty: none in particular), the number of a cause, and what the enclave does there.
+
+It sends (0), receives (1), or that is not known (-1).
+"""
 
 
 class _Topics(Struct, frozen=True, kw_only=True):
-    """Topics with the same ends. `marks`: by enclave, the causes that are about it on these topics."""
+    """Topics with the same ends. `ends`: who sends and who receives. `marks`: likewise the causes that are about it."""
 
     names: tuple[str, ...]
-    senders: frozenset[str]
-    receivers: frozenset[str]
-    marks: Mapping[str, Sequence[int]]
+    ends: tuple[frozenset[str], frozenset[str]]
+    marks: tuple[Mapping[str, Sequence[int]], Mapping[str, Sequence[int]]]
 
-    @property
-    def blamed(self) -> frozenset[str]:
-        """Who does something there that is no right."""
-        return frozenset(self.marks) - self.senders - self.receivers
+    def all_ends(self, side: int) -> frozenset[str]:
+        """Those who send or receive, by right or as a cause has it."""
+        return self.ends[side] | frozenset(self.marks[side])
 
-    def told(self, whom: Iterable[str]) -> Sequence[str]:
-        """In words, with the numbers of causes."""
-        return [f"{who} ({_numbers(self.marks[who])})" if who in self.marks else who for who in sorted(whom)]
+    def told(self, side: int) -> str:
+        """The same in words, with the numbers of causes."""
+        marks = self.marks[side]
+        return some(
+            (f"{who} ({_numbers(marks[who])})" if who in marks else who for who in sorted(self.all_ends(side))), 4
+        )
 
 
 def system(
@@ -86,30 +92,30 @@ def system(
     else:
         return {}
     about = [*_about(table, causes, told, shared)]
-    every = sorted(_topics(ends, about), key=lambda each: (not each.marks, each.names))
+    every = sorted(_topics(ends, about), key=lambda each: (not any(each.marks), each.names))
     shown = sorted(every[:MAX_BOXES], key=lambda each: each.names)
-    receiving = {who for each in every for who in each.receivers}
-    sending = {*shared.values()} - receiving | {who for each in every for who in {*each.senders, *each.blamed}}
+    receiving = {who for each in every for who in each.all_ends(1)}
+    sending = {*shared.values()} - receiving | {who for each in every for who in each.all_ends(0)}
     columns = [[*_first(each, about)] for each in (sending, receiving)]
     rows = max(len(shown), *map(len, columns))
     row = min(FAR, max(NEAR, TALL // rows))
     height = row * rows + 4
     left, right = (_tops(each, height, row) for each in columns)
-    marks = gathered((who, number) for who, _topic, number in about)
+    marks = [
+        gathered((who, number) for who, _topic, number, at in about if at == side or (at < 0 and who in column))
+        for side, column in enumerate((left, {each: 0.0 for each in right if each not in left}))
+    ]
     places = _tops([each.names for each in shown], height, row)
     return {
         "routed": routed is not None,
         "width": WIDTH,
         "height": height,
-        "enclaves": [*_boxes(left, 1, marks), *_boxes(right, WIDTH - SIDE - 1, {})],
+        "enclaves": [*_boxes(left, 1, marks[0]), *_boxes(right, WIDTH - SIDE - 1, marks[1])],
         "topics": [
-            (_MIDDLE_X, places[each.names], _fit(_words(each.names), MIDDLE), bool(each.marks)) for each in shown
+            (_MIDDLE_X, places[each.names], _fit(_words(each.names), MIDDLE), any(each.marks)) for each in shown
         ],
         "edges": [edge for each in shown for edge in _edges(each, places[each.names], left, right)],
-        "lines": [
-            (some(each.told(each.senders | each.blamed), 4), _words(each.names), some(each.told(each.receivers), 4))
-            for each in shown
-        ],
+        "lines": [(each.told(0), _words(each.names), each.told(1)) for each in shown],
         "left_out": len(every) - len(shown),
     }
 
@@ -128,12 +134,24 @@ def _about(
     """Where the causes are: the enclaves of their findings, what is sent, and the steps of their counterexamples."""
     names = {named.topic: label(table, number) for number, named in enumerate(table.names)} if table is not None else {}
     for number, cause in enumerate(causes, start=1):
-        found = {(each.enclave, "") for each in cause.every} | {sent for each in cause.every for sent in each.sent}
-        results = (told.result(each) for each in cause.every)
-        answers = (answer for result in results if result is not None for answer in result.profiles.values())
-        steps = (step for each in answers if each.counterexample is not None for step in each.counterexample.steps)
-        found |= {(each.enclave, names[each.witness]) for each in steps if each.witness in names}
-        yield from sorted({(shared[who], topic, number) for who, topic in found if who is not None and who in shared})
+        found: set[tuple[str | None, str, int]] = {(each.enclave, "", -1) for each in cause.every}
+        for each in cause.every:
+            found |= {(*sent, 0) for sent in each.sent}
+            result = told.result(each)
+            answers = result.profiles.values() if result is not None else ()
+            for example in (answer.counterexample for answer in answers if answer.counterexample is not None):
+                found |= {*_placed(example.steps, names, ordered=bool(each.properties))}
+        yield from sorted(
+            (shared[who], topic, number, side) for who, topic, side in found if who is not None and who in shared
+        )
+
+
+def _placed(steps: Sequence[Step], names: Mapping[str, str], *, ordered: bool) -> Iterator[tuple[str | None, str, int]]:
+    """The steps about a topic; `ordered`: of a flow, in which of each topic the sender comes first."""
+    for witness, alike in groupby((each for each in steps if each.enclave is not None), lambda each: each.witness):
+        for place, step in enumerate(alike):
+            if witness in names:
+                yield step.enclave, names[witness], min(place, 1) if ordered else -1
 
 
 def _ends(table: AccessTable, flows: Sequence[Neighbourhood], shared: Mapping[str, str]) -> _Ends:
@@ -157,17 +175,33 @@ def _routed_ends(table: RoutedTable, shared: Mapping[str, str]) -> _Ends:
 
 
 def _topics(ends: _Ends, about: Sequence[_About]) -> Iterator[_Topics]:
-    ends = {topic: (set[str](), set[str]()) for _who, topic, _number in about if topic} | ends
-    marks = {topic: gathered((who, number) for who, at, number in about if at == topic) for topic in ends}
-    kinds = grouped(ends, lambda topic: (*map(frozenset, ends[topic]), f"{sorted(marks[topic].items())}"))
+    ends = {topic: (set[str](), set[str]()) for _who, topic, _number, _side in about if topic} | ends
+    marks = {topic: _marks(ends[topic], [each for each in about if each[1] == topic]) for topic in ends}
+    kinds = grouped(
+        ends, lambda topic: (*map(frozenset, ends[topic]), f"{[*map(sorted, map(dict.items, marks[topic]))]}")
+    )
     for names in kinds.values():
         senders, receivers = map(frozenset, ends[names[0]])
-        yield _Topics(names=tuple(sorted(names)), senders=senders, receivers=receivers, marks=marks[names[0]])
+        yield _Topics(names=tuple(sorted(names)), ends=(senders, receivers), marks=marks[names[0]])
+
+
+def _marks(
+    ends: tuple[set[str], set[str]], about: Sequence[_About]
+) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
+    """Whom causes are about as senders and as receivers. If it is not known: as what it is by right, else a sender."""
+    senders, receivers = ends
+    sent = (
+        (who, number)
+        for who, _topic, number, side in about
+        if side == 0 or (side < 0 and who not in receivers - senders)
+    )
+    received = ((who, number) for who, _topic, number, side in about if side == 1 or (side < 0 and who in receivers))
+    return gathered(sent), gathered(received)
 
 
 def _first(names: set[str], about: Sequence[_About]) -> Sequence[str]:
     """As many as there is room for, those of causes first."""
-    blamed = {who for who, _topic, _number in about}
+    blamed = {who for who, *_more in about}
     return sorted(sorted(names, key=lambda who: (who not in blamed, who))[:MAX_BOXES])
 
 
@@ -188,20 +222,21 @@ def _boxes(
 def _edges(
     topics: _Topics, y: float, left: Mapping[str, float], right: Mapping[str, float]
 ) -> Iterator[Mapping[str, Any]]:
-    """From senders and to receivers; whoever is blamed and neither has a line of its own, dashed."""
-    for ends, tops, (near, far) in (
-        (topics.senders | topics.blamed, left, (SIDE + 1, _MIDDLE_X)),
-        (topics.receivers, right, (_MIDDLE_X + MIDDLE, WIDTH - SIDE - 1)),
+    """From senders and to receivers; dashed where it is no right."""
+    for side, tops, (near, far) in (
+        (0, left, (SIDE + 1, _MIDDLE_X)),
+        (1, right, (_MIDDLE_X + MIDDLE, WIDTH - SIDE - 1)),
     ):
-        for place, who in enumerate(sorted(ends & {*tops})):
+        marks = topics.marks[side]
+        for place, who in enumerate(sorted(topics.all_ends(side) & {*tops})):
             begin, end = (tops[who], y) if tops is left else (y, tops[who])
             begin, end, bend = begin + BOX / 2, end + BOX / 2, (near + far) / 2
             share = _AT[place % len(_AT)]  # numbers of lines that meet stand apart
-            kind = " bad" if who in topics.marks else ""
+            kind = " bad" if who in marks else ""
             yield {
                 "points": (near, begin, bend, far, end),
-                "kind": f"{kind} keys" if who in topics.blamed else kind,
-                "mark": _numbers(topics.marks.get(who, ())[:1]),
+                "kind": kind if who in topics.ends[side] else f"{kind} keys",
+                "mark": _numbers(marks.get(who, ())[:1]),
                 "at": _on_curve((near, bend, bend, far), share),
                 "height": _on_curve((begin, begin, end, end), share) - 2,
             }

@@ -109,7 +109,9 @@ class Consequences:
 
     def result(self, finding: Finding) -> PropertyResult | None:
         """The property that the finding is about, if it is about one."""
-        return self._results.get((*finding.properties, finding.name)[0])
+        return next(
+            (self._results[each] for each in (*finding.properties, finding.name) if each in self._results), None
+        )
 
     def is_example(self, finding: Finding) -> bool:
         """Whether `finding` tells one way in which a property is violated, of perhaps many."""

@@ -141,11 +141,11 @@ def _unexpected(anchors: Anchors, group: _Files) -> Violation:
     beside = any(map(anchors.trusts, first.certificates))
     held = listed({c.sha256: f"{quoted(c.subject)} (sha256:{c.sha256})" for c in foreign}.values())
     of = f" of {paths(enclaves)}" if enclaves else ""
-    expected = listed(quoted(each.subject) for each in anchors.certificates) or "none that is here"
+    expected = listed(quoted(each.subject) for each in anchors.certificates)
     why = f"as found in {anchors.found_in}" if anchors.found_in else "as declared"
+    wanted = f"expected {expected} alone, {why}" if expected else "and none of the declared authorities is here"
     return Violation(
-        f"The {_NAMES[anchors.role]} file {first.file.place}{of} holds {held}"
-        f"{' too' if beside else ''}, expected {expected} alone, {why}.",
+        f"The {_NAMES[anchors.role]} file {first.file.place}{of} holds {held}{' too' if beside else ''}, {wanted}.",
         [located(each) for each in foreign],
         enclave=sole(enclaves),
         key=_trusting([(anchors.role.value, (each.key for each in foreign), enclaves)]),

@@ -124,7 +124,7 @@ def certificate_unreadable(use: CertificateUse) -> Iterator[Violation]:
     Severity.MEDIUM,
     "DDS-Security 1.1, 9.3.1; measured: every implementation reads only the first certificate of cert.pem",
     decision(
-        "Leave one certificate alone in the file; in a CA file, the one that issues or signs. `openssl x509 -in FILE "
+        "Leave only one certificate in the file; in a CA file, the one that issues or signs. `openssl x509 -in FILE "
         "-out new.pem` writes the first."
     ),
 )

@@ -157,8 +157,9 @@ def dangling_link(enclave: Enclave) -> Iterator[Violation]:
     Severity.LOW,
     "ros2/sros2, keystore layouts; ros2/rmw_dds_common, security.cpp (the files that a run time reads); CWE-538",
     decision(
-        "Remove the files from the tree. If one has to be there, declare it in the settings: its path "
-        '(`[files] foreign = ["maps/**"]`), or its hash if it was not read (`accepted = ["sha256:..."]`).'
+        "Fix what other findings say of the files, then remove them. If one has to be there, declare it in the "
+        'settings: its path (`[files] foreign = ["maps/**"]`), or the hash of what was not read '
+        '(`accepted = ["sha256:..."]`).'
     ),
 )
 def foreign_file(keystore: Keystore, context: Context) -> Iterator[Violation]:

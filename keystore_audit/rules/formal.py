@@ -291,8 +291,8 @@ _decided(
     Severity.HIGH,
     "keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
     decision(
-        "Change one of the lines named, which let it through, or change the assertion. For `able`, grant what is "
-        "missing."
+        "Change one of the lines named, which let it through, or change the assertion.",
+        "If `able` is asserted, grant what is missing.",
     ),
 )
 def asserted_property_violated(result: AssertedResult) -> Iterator[Violation]:

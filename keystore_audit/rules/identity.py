@@ -320,7 +320,9 @@ def subject_shared_by_certificates(keystore: Keystore) -> Iterator[Violation]:
     "KA228",
     Severity.HIGH,
     "DDS-Security 1.1, 9.3.1 (who has the key of a certificate is its subject); measured",
-    issue_again("Give each certificate its own key."),
+    issue_again(
+        "Give each certificate its own key, and revoke the one that is not meant: deleting the file ends nothing."
+    ),
     explains=_SHARED,
 )
 def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterator[Violation]:

@@ -125,7 +125,7 @@ def router_not_verified(process: Process, context: Context) -> Iterator[Violatio
     secured = [end for end in _ends(process) if end in process.says.connects and end.protocol in SECURED]
     unchecked = [end for end in secured if process.says.tls(end, "verify_name_on_connect")[0] is False]
     if unchecked:
-        message = f"{process.name} connects to {quoted(unchecked[0].text)} and takes any enclave for it"
+        message = f"Any enclave can pose as {quoted(unchecked[0].text)} to {process.name}"
         line = process.says.tls(unchecked[0], "verify_name_on_connect")[1]
         severity = Severity.LOW if process.says.access is not None and process.says.access.by_names else None
         yield found(process, f"{message}{more_like(unchecked)}.", line, severity=severity)
@@ -155,7 +155,7 @@ def link_outlives_certificate(process: Process) -> Iterator[Violation]:
     secured = [end for end in _ends(process) if end.protocol in SECURED]
     lasting = [end for end in secured if process.says.tls(end, "close_link_on_expiration")[0] is not True]
     if lasting:
-        message = f"{process.name} keeps links whose certificate has expired."
+        message = f"{process.name} keeps links when the certificate of the other end expires."
         yield found(process, message, lasting[0].line)
 
 
@@ -163,7 +163,7 @@ def link_outlives_certificate(process: Process) -> Iterator[Violation]:
     "KA814",
     Severity.HIGH,
     facts.ROUTED_TLS,
-    outside("Issue all identities again under another CA, and name that as root_ca_certificate."),
+    outside("Issue all identities again under another CA, name that as root_ca_certificate, and delete the old list."),
 )
 def links_never_revoked(process: Process) -> Iterator[Violation]:
     """The enclave has a crl.pem, but no link is ever refused for it: the middleware knows no revocation.

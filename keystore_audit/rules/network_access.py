@@ -188,7 +188,8 @@ def file_restrains_only_its_owner(network: Network, context: Context) -> Iterato
         reaching = (_dropping(rights, enclave, operation, key, release) for release in context.releases)
         reached = next((each for each in reaching if each is not None), None)
         if reached is not None:
-            told.append(f"{enclave.path} {does} {name_of(key)} by dropping its file; {reached.last.name} allows it")
+            what = f"{enclave.path} can {does} {name_of(key)} if it starts without its file"
+            told.append(f"{what}: {reached.last.name} accepts it")
             sent += [(enclave.path, name_of(key))] if operation in SENDING else []
             places |= {reached.location: None} if reached.location is not None else {}
     if told:
@@ -202,9 +203,9 @@ def _asked(network: Network, context: Context) -> Iterator[tuple[Enclave, str, s
     """Who, in words and as `can` calls it, on which expression: what rules name that let others in."""
     running = {each.owner for each in network.started if is_session(each)}
     for does, operation, kind, flow in (
-        ("publishes", "publish", Kind.PUT, Flow.INGRESS),
-        ("calls", "request", Kind.QUERY, Flow.INGRESS),
-        ("reads", "subscribe", Kind.PUT, Flow.EGRESS),
+        ("publish", "publish", Kind.PUT, Flow.INGRESS),
+        ("call", "request", Kind.QUERY, Flow.INGRESS),
+        ("read", "subscribe", Kind.PUT, Flow.EGRESS),
     ):
         for process in filter(is_session, network.started):
             for key in _allowed(process, kind, flow):

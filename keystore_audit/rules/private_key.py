@@ -314,7 +314,7 @@ def private_key_encrypted(enclave: Enclave) -> Iterator[Violation]:
 
 _ANEW: Final = decision(
     "Replace every such key, with a random generator that you trust, and let nothing accept the old one. For an "
-    "enclave, delete cert.pem and key.pem and use `explain KA209 --for KEYSTORE`. For an authority, issue and sign "
+    "enclave, delete cert.pem and key.pem and use `explain KA101 --for KEYSTORE`. For an authority, issue and sign "
     "again all that it issued and signed."
 )
 
@@ -355,7 +355,7 @@ def private_key_others_have(keystore: Keystore, context: Context) -> Iterator[Vi
     if published:
         what = "a key of" if len(published) == 1 else f"{counted(len(published), 'key')} of"
         yield Violation(
-            f"The keystore has {what} a published sample: anybody has the private half.",
+            f"The keystore has {what} a published sample: anybody has the private half (critical with --deployed).",
             _locations((each.place for each in published), keystore.root),
             severity=None if context.deployed else Severity.INFO,
             key=f"published {' '.join(sorted(each.key for each in published))}",

@@ -58,10 +58,10 @@ def long_validity(keystore: Keystore) -> Iterator[Violation]:
     grants = list(_long_grants(keystore))
     if lasting or grants:
         end, whose, _place = max([*lasting, *grants], key=lambda found: found[0])
+        told = [counted(len(lasting), "identity", "identities")] if lasting else []
+        told += [counted(len(grants), "grant")] if grants else []
         yield Violation(
-            f"Valid for more than two years: {counted(len(lasting), 'identity', 'identities')} and "
-            f"{counted(len(grants), 'grant')}, the longest "
-            f"until {instant(end)} ({whose}).",
+            f"Valid for more than two years: {' and '.join(told)}, the longest until {instant(end)} ({whose}).",
             [place for _end, _whose, place in (*lasting, *grants)],
             key="\n".join(sorted(f"{whose} {instant(end)}" for end, whose, _place in (*lasting, *grants))),
         )

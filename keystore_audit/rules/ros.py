@@ -271,8 +271,8 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
     if ros.undescribed:
         nodes = {f"{each.enclave} {node}": node for each in ros.undescribed for node in each.nodes}
         yield Violation(
-            f"{listed(nodes.values())} may not answer {TYPE_DESCRIPTION}, which nodes serve since Iron: they "
-            "fail unless they are told to do without (start_type_description_service false).",
+            f"{listed(nodes.values())} may not answer {TYPE_DESCRIPTION}: since Iron, nodes then fail to start unless "
+            "start_type_description_service is false.",
             [each.location for each in ros.undescribed],
             enclave=ros.undescribed[0].enclave if len(ros.undescribed) == 1 else None,
             key="\n".join(nodes),

@@ -189,7 +189,7 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
         why = f" {EXCHANGED}" if exchanged else ""
         yield _violation(
             use,
-            f"Signed by {got}; {_expected(use)}: {_consequence(use, context)}.{why}",
+            f"{use.signed.file.place} is signed by {got}, and {_consequence(use, context)}; {_expected(use)}.{why}",
             signer,
             signer.key if signer is not None else f"{signature.serial:x}",
             explains=_explained(use, context),
@@ -202,9 +202,8 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
     Severity.CRITICAL,
     "DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
     decision(
-        "Treat the enclave as taken over, and give it a new identity. Use separate authorities for identities and "
-        "permissions, and update implementations that accept such a document. Review the .xml before you sign it: "
-        "it may be forged, too.",
+        "Find out who signed it. Unless that was a mistake, treat the enclave as taken over: give it a new identity. "
+        "Review the .xml before you sign it: it may be forged, too.",
         Act.SIGN,
     ),
     explains=_FORGED,
@@ -224,7 +223,8 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
         who = f"the identity of {holder.path}" if holder is not None else "a certificate that the permissions CA issued"
         yield _violation(
             use,
-            f"Signed by {who}, {quoted(signer.subject)}; {_expected(use)}: {_consequence(use, context)}.",
+            f"{use.signed.file.place} is signed by {who}, {quoted(signer.subject)}, and {_consequence(use, context)}; "
+            f"{_expected(use)}.",
             signer,
             signer.key,
             explains=_explained(use, context),

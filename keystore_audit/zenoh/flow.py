@@ -299,4 +299,4 @@ def told(hops: Sequence[Hop]) -> str:
     names = [each.label for each in dict.fromkeys(without) if each is not OUTSIDER]
     how = [f"without the file of {', '.join(names)}"] if names else []
     how += ["with an outsider"] if OUTSIDER in without else []
-    return f"{' -> '.join(words)} ({' and '.join(how) or 'even if nobody attacks'})."
+    return f"{' -> '.join(words)} ({' and '.join(how) or 'no attack is needed'})."

@@ -225,7 +225,7 @@ def test_a_way_that_needs_no_attack_is_told_so_whoever_is_asked_about(
     system = replace(weak(**kinds).system(), claims=(asked,))
     told = describe_claim(system, asked, NativeEngine([system]).answers[0][asked.id]).text
     assert ("(if some of those named attack)" in told) == needs
-    assert ("(even if nobody attacks)" in told) != needs
+    assert ("(no attack is needed)" in told) != needs
 
 
 def test_what_is_told_to_need_no_attack_needs_none() -> None:
@@ -234,7 +234,7 @@ def test_what_is_told_to_need_no_attack_needs_none() -> None:
         system = with_claims(random_system(seed), seed, 6)
         for asked in system.claims:
             answer = NativeEngine([system]).answers[0][asked.id]
-            if answer.path and "even if nobody attacks" in describe_claim(system, asked, answer).text:
+            if answer.path and "no attack is needed" in describe_claim(system, asked, answer).text:
                 honest = replace(asked, attacker=Attacker.HONEST)
                 alone = replace(system, claims=(honest,))
                 assert NativeEngine([alone]).answers[0][honest.id].status is Status.VIOLATED, (seed, asked.id)

@@ -149,13 +149,13 @@ class TestSystem:
             (
                 "flows/turtlesim_random_moves_turtle",
                 ("--settings", "settings/turtlesim.toml"),
-                "/random -> /move_turtle (topic) in domain 0 -> /turtlesim (even if nobody attacks). The settings",
+                "/random -> /move_turtle (topic) in domain 0 -> /turtlesim (no attack is needed). The settings",
                 False,
             ),
             (
                 "zenoh/turtlesim_generated",
                 ("--zenoh", "networks/turtlesim_generated"),
-                "/random publishes /high_priority by dropping its file; /multiplexer allows it",
+                "/random can publish /high_priority if it starts without its file: /multiplexer accepts it",
                 False,
             ),
         ],

@@ -537,7 +537,7 @@ def test_a_year_is_not_too_long(fleet: Fleet, tmp_path: Path) -> None:
     own = certificate("/talker", fleet.identity, start=AT - timedelta(days=1), end=AT + timedelta(days=364))
     (root / "enclaves/talker/cert.pem").write_bytes(own.pem)
     (root / "enclaves/talker/key.pem").write_bytes(own.key_pem)
-    assert "0 identities and 1 grant," in found(root, deployed=True)["KA665"].message
+    assert "two years: 1 grant, the longest" in found(root, deployed=True)["KA665"].message
     (root / "enclaves/talker/permissions.p7s").write_bytes(
         fleet.document("/talker", "rt/chatter", start="2026", end="2027")
     )
