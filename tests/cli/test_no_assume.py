@@ -13,10 +13,7 @@ from tests.schemas import schema
 
 HEALTHY = Path(__file__).parents[2] / "sample_keystores/healthy"
 AUDIT = ("turtlesim", "--engine", "native", "--offline", "--at", "2026-11-23T00:00:00Z")
-LINE = (
-    "HOLDS IF peers announce endpoints truthfully (Cyclone DDS does not check); authorities certified nothing beyond "
-    "this list"
-)
+LINE = "HOLDS IF peers announce endpoints truthfully (Cyclone DDS does not check); authorities certified nothing else"
 
 
 def audit(*options: str) -> tuple[int, str]:

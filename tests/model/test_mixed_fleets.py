@@ -166,7 +166,7 @@ def test_nobody_writes_by_a_default_of_which_its_own_implementation_makes_nothin
     [
         ({"/arm": "cyclonedds-11"}, (), "implementations that read the keystore differently"),
         ({}, (), None),
-        ({}, (Assumption.ROBOTS_ENFORCE,), "it depends on what is not assumed, robots-enforce:"),
+        ({}, (Assumption.ROBOTS_ENFORCE,), "it depends on assumptions that were not made, robots-enforce:"),
     ],
 )
 def test_what_is_undecided_is_told_with_its_reason(
