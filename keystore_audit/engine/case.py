@@ -133,9 +133,17 @@ class Case:
     @property
     def topic(self) -> str:
         """The channel for people: the ROS name (one of many, where it has infinitely many), domain and partition."""
+        return f"{self._name} in {self._place('')}"
+
+    @property
+    def stop(self) -> str:
+        """The same on a route: `/workshop (domain 1)`."""
+        return f"{self._name.removesuffix(' (topic)')} ({self._place('')})"
+
+    @property
+    def _name(self) -> str:
         channel = self.system.channels[self.number]
-        several = "topics such as " if channel.infinite else ""
-        return f"{several}{ros_name(channel.topic)} in {self._place('')}"
+        return f"{'topics such as ' if channel.infinite else ''}{ros_name(channel.topic)}"
 
     def _place(self, topic: str) -> str:
         channel = self.system.channels[self.number]

@@ -210,7 +210,7 @@ def _route(claim: ClaimAtom, hops: Sequence[tuple[Case, Leg]]) -> str:
 
     words = [] if claim.source.channels else [who(hops[0][0], hops[0][1].sender)]
     for number, (case, leg) in enumerate(hops):
-        words.append(case.topic)
+        words.append(case.stop)
         if number < len(hops) - 1 or not claim.target.channels:
             words.append(who(case, leg.receiver))
     return " -> ".join(words)

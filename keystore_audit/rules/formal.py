@@ -291,7 +291,7 @@ _decided(
     Severity.HIGH,
     "keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
     decision(
-        "Change one of the lines named, which let it through, or change the assertion.",
+        "Change one of the lines named, which let it through (edit the .xml and sign it), or change the assertion.",
         "If `able` is asserted, grant what is missing.",
     ),
 )

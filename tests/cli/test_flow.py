@@ -38,7 +38,7 @@ MOTOR = ("/infotainment", "/motor")
 def test_each_hop_has_a_name_and_the_line_that_grants_it() -> None:
     _code, answer = flow("vehicle_plain_grant", *MOTOR, "--attacker", "honest")
     path = answer["attackers"]["honest"]["profiles"]["spec"]["path"]
-    assert path["text"].startswith("/infotainment -> /media_state (topic) in domain 0 -> /gateway -> /motor_limit")
+    assert path["text"].startswith("/infotainment -> /media_state (domain 0) -> /gateway -> /motor_limit")
     hops = [(step["enclave"], step["witness"]) for step in path["steps"]]
     assert hops == [
         ("/infotainment", "rt/media_state"),

@@ -88,7 +88,7 @@ def test_it_is_told_moment_by_moment(second: tuple[Dates, Dates], expected: str,
     [found] = result.profiles.values()
     if found.counterexample is not None:
         first, *others = found.counterexample.text.split("; later, of what was kept, ")
-        assert first == "/n0 -> /t0 (topic) in domain 0 -> /n1 now"
+        assert first == "/n0 -> /t0 (domain 0) -> /n1 now"
         assert [each.split(" ")[0] for each in others] == ["/n1", "/n2"]
         assert others[-1].endswith("from 2027-02-01T00:00:00Z on (no attack is needed).")
         lines = {step.path for step in found.counterexample.steps}

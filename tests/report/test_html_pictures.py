@@ -149,7 +149,7 @@ class TestSystem:
             (
                 "flows/turtlesim_random_moves_turtle",
                 ("--settings", "settings/turtlesim.toml"),
-                "/random -> /move_turtle (topic) in domain 0 -> /turtlesim (no attack is needed). The settings",
+                "/random -> /move_turtle (domain 0) -> /turtlesim (no attack is needed). The settings",
                 False,
             ),
             (

@@ -188,7 +188,7 @@ def test_labels_are_judged_hop_by_hop(tmp_path: Path, sample: str, status: str) 
     assert code == (status == "violated")
     for each in told:
         assert each["severity"] == "critical"
-        assert "/infotainment -> /media_state (topic) in domain 0 -> /gateway -> /motor_limit" in each["message"]
+        assert "/infotainment -> /media_state (domain 0) -> /gateway -> /motor_limit" in each["message"]
         assert {place["path"] for place in each["locations"][1:]} == {
             f"enclaves/{name}/permissions.p7s" for name in ("infotainment", "gateway", "motor")
         }
