@@ -17,7 +17,7 @@ from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.blast_radius import Ranking
 from keystore_audit.model.formal.bit_sets import members
-from keystore_audit.model.intended.meant import Uses
+from keystore_audit.model.intended.meant import Meant, Uses
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.model.tables.overview import Issuance, IssuedCertificate, Overview
@@ -107,26 +107,25 @@ def access(sheet: Sheet, overview: Overview) -> Mapping[str, Any]:
         patterned = not row.several and any(each.by_pattern & row.names for each in giving)
         return [*dict.fromkeys((str(each.location or ""), each.reason) for each in giving)], patterned
 
-    said = sheet.report.meant
+    said = sheet.report.meant or Meant(beyond={}, lacking={})
 
     def uses(told: Uses, path: str, row: Row) -> set[Operation]:
         """What is told of the enclave about a name of the row."""
-        topics = {table.names[number].topic for number in members(row.names)}
-        return {operation for operation, topic in told.get(path, ()) if topic in topics}
+        own = told.get(path, ())
+        topics = {table.names[number].topic for number in members(row.names)} if own else ()
+        return {operation for operation, topic in own if topic in topics}
 
     def beyond(path: str, row: Row, word: str) -> bool:
         """Whether the right was not meant."""
-        return not uses(said.beyond if said is not None else {}, path, row).isdisjoint(
-            _NEEDS.get(word, tuple(Operation))
-        )
+        return not uses(said.beyond, path, row).isdisjoint(_NEEDS.get(word, tuple(Operation)))
 
     return {
         "domain": table.domain,
         "under": sheet.under(main.profiles),
         "sources": sources,
-        "meant": said is not None,
+        "meant": sheet.report.meant is not None,
         "beyond": beyond,
-        "lacking": lambda path, row: bool(uses(said.lacking if said is not None else {}, path, row)),
+        "lacking": lambda path, row: bool(uses(said.lacking, path, row)),
         "peers": peers(table, main),
         **drawing.matrices(),
     }
