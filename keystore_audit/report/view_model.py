@@ -115,7 +115,7 @@ class Consequences:
 
     def is_example(self, finding: Finding) -> bool:
         """Whether `finding` tells one way in which a property is violated, of perhaps many."""
-        result = self.result(finding)
+        result = self._results.get(finding.name)  # one that the user asserts is told with its way
         return result is not None and any(each.counterexample is not None for each in result.profiles.values())
 
     def example(self, finding: Finding) -> str:
