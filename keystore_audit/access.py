@@ -156,7 +156,7 @@ def routed_tables(
     Raises errors.NothingToAudit where there is no keystore or no such file, errors.BudgetExceeded for too many rights.
     """
     from keystore_audit.zenoh.answers import routed_table
-    from keystore_audit.zenoh.names import written_names
+    from keystore_audit.zenoh.names import Named, written_names
     from keystore_audit.zenoh.network import read_network
 
     domain = given.domain or 0
@@ -164,11 +164,11 @@ def routed_tables(
     networks = [
         read_network(folder, keystore, given.at) for (_p, folder), keystore in zip(sides, keystores, strict=True)
     ]
-    named = (written_names(*side, domain) for side in zip(keystores, networks, strict=True))
+    named = [written_names(*side, domain) for side in zip(keystores, networks, strict=True)]
     asked = tuple(dict.fromkeys(right for each in named for right in each.rights))
     return tuple(
-        routed_table(keystore, network, domain, given.at, releases, asked)
-        for keystore, network in zip(keystores, networks, strict=True)
+        routed_table(keystore, network, Named(asked, names.patterns), domain, given.at, releases)
+        for keystore, network, names in zip(keystores, networks, named, strict=True)
     )
 
 

@@ -72,6 +72,7 @@ from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Context, listed
 from keystore_audit.settings.suppressions import accepted_by
 from keystore_audit.zenoh.answers import routed_table
+from keystore_audit.zenoh.names import written_names
 from keystore_audit.zenoh.network import read_network
 
 if TYPE_CHECKING:
@@ -188,17 +189,18 @@ def _drawn(report: Report, context: Context, accesses: AccessViews, options: Opt
     about, systems = (context.keystore, context.fleets, options.at, accesses), context.meaning.systems
     few = len(context.keystore.enclaves) <= MAX_RANKED
     ranked = blast_radius.ranked_enclaves(*about) if systems and (few or options.overview) else None
-    seen = said = None
+    seen = said = routed = None
     if options.overview:
         from keystore_audit.model.intended.meant import meant
         from keystore_audit.model.tables import overview
 
         said = meant(context.drift, context.observed)
         seen = overview.overview(*about, options.domain, systems)
-    routed = None
-    if options.overview and context.network is not None:
-        with suppress(BudgetExceeded):
-            routed = routed_table(context.keystore, context.network, options.domain or 0, options.at, context.releases)
+        if context.network is not None:
+            domain = options.domain or 0
+            named = written_names(context.keystore, context.network, domain)
+            with suppress(BudgetExceeded):
+                routed = routed_table(context.keystore, context.network, named, domain, options.at, context.releases)
     return replace(report, blast_radius=ranked, overview=seen, routed=routed, meant=said)
 
 

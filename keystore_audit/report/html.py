@@ -40,6 +40,7 @@ from keystore_audit.report.view_model import (
     declaring,
     engine,
     nodes_beside,
+    properties_of,
     starting,
     until,
     warnings,
@@ -351,7 +352,7 @@ def _rule(rank: int, found: Sequence[Finding], *, first: bool) -> Mapping[str, A
 
 def _properties(report: Report) -> Mapping[str, Any]:
     """Those that do not hold with their counterexamples, the worst first, and those that do."""
-    worst = {each: finding.severity.rank for finding in reversed(report.findings) for each in _about(finding)}
+    worst = {each: finding.severity.rank for finding in reversed(report.findings) for each in properties_of(finding)}
     failed = sorted(report.properties, key=lambda each: (STATUSES.index(each.status), worst.get(each.prop.id, 0)))
     engines = (engine for each in report.holding for answer in each.profiles.values() for engine in answer.engines)
     return {
@@ -363,11 +364,6 @@ def _properties(report: Report) -> Mapping[str, Any]:
         "holding": report.holding,
         "deciding": " and ".join(dict.fromkeys(engines)),
     }
-
-
-def _about(finding: Finding) -> tuple[str, ...]:
-    """The properties that a finding is about, if it is about any."""
-    return finding.properties or (finding.name,)
 
 
 def _starting(report: Report) -> Mapping[str, Any]:

@@ -103,7 +103,7 @@ def system(
     left, right = (_tops(each, height, row) for each in columns)
     marks = [
         gathered((who, number) for who, _topic, number, at in about if at == side or (at < 0 and who in column))
-        for side, column in enumerate((left, {each: 0.0 for each in right if each not in left}))
+        for side, column in enumerate(({*left}, {*right} - {*left}))
     ]
     places = _tops([each.names for each in shown], height, row)
     return {

@@ -109,9 +109,7 @@ class Consequences:
 
     def result(self, finding: Finding) -> PropertyResult | None:
         """The property that the finding is about, if it is about one."""
-        return next(
-            (self._results[each] for each in (*finding.properties, finding.name) if each in self._results), None
-        )
+        return next((self._results[each] for each in properties_of(finding) if each in self._results), None)
 
     def is_example(self, finding: Finding) -> bool:
         """Whether `finding` tells one way in which a property is violated, of perhaps many."""
@@ -126,6 +124,11 @@ class Consequences:
             if wanted and answer.status is Status.VIOLATED and answer.counterexample is not None:
                 return answer.counterexample.text
         return finding.message
+
+
+def properties_of(finding: Finding) -> tuple[str, ...]:
+    """The ids of the properties that a finding is about, if it is about any."""
+    return finding.properties or (finding.name,)
 
 
 def _words(finding: Finding) -> _Words:

@@ -20,7 +20,7 @@ from keystore_audit.profiles import Release
 from keystore_audit.truth import Truth, all_of, any_of
 from keystore_audit.zenoh.access_control import Key, Kind, Meant
 from keystore_audit.zenoh.links import OBSTACLES, Links, Message, Tie, Way, find_way
-from keystore_audit.zenoh.names import MAX_RIGHTS, written_names
+from keystore_audit.zenoh.names import MAX_RIGHTS, Named
 from keystore_audit.zenoh.network import Network, Process, is_session
 
 MAX_WIDE: Final = 20
@@ -268,18 +268,16 @@ class Rights:
 def routed_table(
     keystore: Keystore,
     network: Network,
+    named: Named,
     domain: int,
     at: datetime,
     releases: Sequence[Release],
-    asked: Sequence[tuple[str, str]] | None = None,
 ) -> RoutedTable:
-    """What every enclave of the keystore may do of `asked`, None: of all that permissions and files name.
+    """What every enclave of the keystore may do of all that is named.
 
     Raises errors.BudgetExceeded for more than MAX_RIGHTS rights.
     """
-    named = written_names(keystore, network, domain)
-    asked = named.rights if asked is None else asked
-    if len(asked) * len(keystore.enclaves) > MAX_RIGHTS:
+    if len(named.rights) * len(keystore.enclaves) > MAX_RIGHTS:
         raise BudgetExceeded(f"More than {MAX_RIGHTS} rights are named; `can` answers about one.")
     rights = rights_in(network)
     found = tuple(
@@ -290,7 +288,7 @@ def routed_table(
             answers={each.name: rights.answer(enclave, operation, name, domain, each) for each in releases},
         )
         for enclave in keystore.enclaves
-        for operation, name in asked
+        for operation, name in named.rights
     )
     return RoutedTable(
         domain=domain,
