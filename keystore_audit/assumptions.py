@@ -74,7 +74,7 @@ _WORDS: Final = {
         "The authorities whose certificates lie in the CA files are the ones to trust: nobody declared them.",
     ),
     Assumption.NOTHING_ELSE_CERTIFIED: (
-        "authorities certified nothing else",
+        "authorities issued no other certificates",
         (
             "The keys of both authorities, and of all CAs that they issued, certified nothing but the certificates "
             "found here."

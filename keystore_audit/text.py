@@ -178,9 +178,10 @@ def meant(word: str, known: Iterable[str], hint: str = " Did you mean {}?") -> s
 
 
 def some(names: Iterable[str], most: int) -> str:
-    """`a, b and 3 more`: the first of the names, and how many there are beside them."""
+    """`a, b and 3 more`: the first of the names, and how many there are beside them; the last one has room always."""
     every = list(names)
-    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
+    shown = len(every) if len(every) <= most + 1 else most
+    return ", ".join(every[:shown]) + (f" and {len(every) - shown} more" if len(every) > shown else "")
 
 
 def instant(moment: datetime) -> str:

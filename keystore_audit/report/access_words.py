@@ -172,7 +172,7 @@ def differences(table: AccessTable, group: Group, main: Group) -> Iterator[str]:
     lines = peers(table, group)
     known = peers(table, main)
     if known and not set(known) <= {*lines}:
-        yield f"What is said of peers below does not hold here{', but this:' if lines else '.'}"
+        yield f"The notes under the table about peers do not apply here{'; these do:' if lines else '.'}"
         yield from lines
     else:
         yield from (line for line in lines if line not in known)

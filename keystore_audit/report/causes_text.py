@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from keystore_audit.findings import Finding, FixKind, Severity
+from keystore_audit.findings import OF_THE_AUDIT, Finding, FixKind, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.profiles import implementations
 from keystore_audit.report.content import Report, place_of
@@ -59,8 +59,12 @@ def put_short(page: Page, report: Report, consequences: Consequences) -> None:
 
 
 def put_headings(page: Page, report: Report, consequences: Consequences) -> None:
-    """Put one line for each code that fails the gate or leaves the audit open."""
-    deciding = [cause for cause in consequences.causes if cause.decides(report.fail_on)]
+    """Put one line for each code that fails the gate or leaves the audit open, or warns of the audit itself."""
+
+    def own(cause: Cause) -> bool:
+        return cause.finding.code.startswith(OF_THE_AUDIT) and cause.severity.at_least(Severity.MEDIUM)
+
+    deciding = [cause for cause in consequences.causes if cause.decides(report.fail_on) or own(cause)]
     for alike in grouped(deciding, lambda cause: (cause.finding.code, cause.severity)).values():
         finding = alike[0].finding
         more = f" and {len(alike) - 1} more" if len(alike) > 1 else ""

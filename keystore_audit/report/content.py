@@ -82,7 +82,7 @@ MAX_RANKED: Final = 100
 """Enclaves up to which every report ranks them; a page for people has more."""
 
 
-PEERS_IN_SCOPE: Final = "every peer in the domain runs the scope"
+PEERS_IN_SCOPE: Final = "every robot in the domain runs what the scope names"
 """What a verdict about less than everything rests on."""
 
 
@@ -129,6 +129,11 @@ class Anchors(Struct, frozen=True, kw_only=True):
     role: str
     declared: tuple[str, ...]
     here: tuple[Anchor, ...]
+
+
+def none_here(anchors: Anchors) -> str:
+    """Why no authority of a role is listed."""
+    return "none of those declared is here" if anchors.declared else "none that can be told"
 
 
 class Checked(Struct, frozen=True, kw_only=True):
@@ -352,6 +357,6 @@ def untested(profiles: Sequence[Profile]) -> Iterator[str]:
     measured = [profile.name for profile in profiles if profile.evidence is Evidence.MEASURED]
     read = [profile.name for profile in profiles if profile.evidence is Evidence.READ and profile.name != "spec"]
     if measured:
-        yield f"{', '.join(measured)}: measured once on the releases, not tested in CI (docs/profiles.md)."
+        yield f"{', '.join(measured)}: measured once on each release, not by the tool's tests (docs/profiles.md)."
     if read:
         yield f"{', '.join(read)}: by their source alone (docs/profiles.md)."

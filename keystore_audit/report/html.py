@@ -27,7 +27,7 @@ from keystore_audit.grouped import grouped
 from keystore_audit.profiles import facts, implementations
 from keystore_audit.properties.result import Status
 from keystore_audit.report.access_words import SHORT, full_name
-from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict
+from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict, none_here
 from keystore_audit.report.html_tables import Sheet, access, certificates, differing, profiles, rankings, routed
 from keystore_audit.report.page import by_answer, worst_first
 from keystore_audit.report.pictures import flows, timeline
@@ -119,6 +119,7 @@ def _environment() -> Environment:
         full="The JSON report has all (--format json).",
         incomplete=Verdict.INCOMPLETE,
         marks=_MARKS,
+        none_here=none_here,
         severities=tuple(Severity),
         short=SHORT,
         max_said=MAX_SAID,
@@ -273,7 +274,7 @@ def _meeting(sheet: Sheet, causes: Sequence[Cause]) -> Mapping[str, Any]:
 
 def _assumes(report: Report) -> str:
     """The conditions; on a page that fails, nobody asks first what holds."""
-    return report.holds_if.replace("HOLDS IF", "What holds below, holds if", report.verdict is Verdict.FAIL)
+    return report.holds_if.replace("HOLDS IF", "“Holds” below means: if", report.verdict is Verdict.FAIL)
 
 
 def _basis(sheet: Sheet) -> Mapping[str, Any]:
@@ -352,12 +353,17 @@ def _rule(rank: int, found: Sequence[Finding], *, first: bool) -> Mapping[str, A
 
 def _properties(report: Report) -> Mapping[str, Any]:
     """Those that do not hold with their counterexamples, the worst first, and those that do."""
-    worst = {each: finding.severity.rank for finding in reversed(report.findings) for each in properties_of(finding)}
-    failed = sorted(report.properties, key=lambda each: (STATUSES.index(each.status), worst.get(each.prop.id, 0)))
+    worst = {each: finding for finding in reversed(report.findings) for each in properties_of(finding)}
+    ranks = {each: finding.severity.rank for each, finding in worst.items()}
+    failed = sorted(report.properties, key=lambda each: (STATUSES.index(each.status), ranks.get(each.prop.id, 0)))
     engines = (engine for each in report.holding for answer in each.profiles.values() for engine in answer.engines)
     return {
         "failed": [
-            (result, worst_first(result.profiles, lambda each: (frozenset(each.engines.items()), each.counterexample)))
+            (
+                result,
+                worst_first(result.profiles, lambda each: (frozenset(each.engines.items()), each.counterexample)),
+                worst.get(result.prop.id),
+            )
             for result in failed
             if result.status is not Status.HOLDS
         ],

@@ -21,6 +21,7 @@ from keystore_audit.model.intended.meant import Meant, Uses
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.model.tables.overview import Issuance, IssuedCertificate, Overview
+from keystore_audit.profiles import implementations
 from keystore_audit.report.access_words import (
     SHORT,
     differences,
@@ -88,7 +89,10 @@ class Sheet:
     def under(self, names: Iterable[str]) -> str:
         """For which profiles something holds, in words; empty for all."""
         names = tuple(names)
-        return "" if not names or set(self.profiles) <= set(names) else f"under {', '.join(names)}"
+        judged = [each for each in self.profiles if each in names]
+        if not names or len(judged) == len(self.profiles):
+            return ""
+        return f"on {implementations(judged)}" if judged else f"on {implementations(names)}: not judged here"
 
 
 def access(sheet: Sheet, overview: Overview) -> Mapping[str, Any]:

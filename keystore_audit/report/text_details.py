@@ -12,7 +12,7 @@ from keystore_audit.findings import Outcomes, Result
 from keystore_audit.grouped import grouped
 from keystore_audit.model.question import Usability
 from keystore_audit.properties.result import ProfileResult, PropertyResult, Status
-from keystore_audit.report.content import EnclaveEntry, Report, Verdict
+from keystore_audit.report.content import EnclaveEntry, Report, Verdict, none_here
 from keystore_audit.report.page import Page, by_answer, worst_first
 from keystore_audit.report.view_model import (
     ENGINE_WORDS,
@@ -140,7 +140,7 @@ def _authorities(page: Page, report: Report) -> None:
     """The trusted authorities with their fingerprints; undeclared ones with what declares them."""
     _title(page, f"Authorities, {'declared' if report.authorities_declared else 'as found'}")
     for anchors in report.authorities:
-        page.put(f"{anchors.role} CA", "" if anchors.here else ": none that can be told", indent=2)
+        page.put(f"{anchors.role} CA", "" if anchors.here else f": {none_here(anchors)}", indent=2)
         for each in anchors.here:
             page.put(f"{each.subject}, {each.path}", indent=4)
             page.labelled("certificate", f"sha256:{each.sha256}", indent=4, column=6)
@@ -175,14 +175,17 @@ def _radius(one: Ranked) -> str:
 
 
 def _outcomes(page: Page, outcomes: Outcomes) -> None:
-    """Per rule, how often it passed, failed, did not apply or stayed open, and what stayed open."""
+    """How often each rule passed, failed, did not apply or stayed open, and what stayed open: equal ones together."""
     _title(page, "Outcomes")
+    equal: dict[str, list[str]] = {}
     for rule, each in sorted(grouped(outcomes, lambda outcome: outcome.rule).items()):
         counts = Counter(outcome.outcome for outcome in each)
         names = {result: result.value for result in Result} | {Result.NOT_APPLICABLE: "not applicable"}
         words = ", ".join(f"{counts[result]} {name}" for result, name in names.items() if counts[result])
         opened = ", ".join(outcome.subject for outcome in each if outcome.outcome is Result.OPEN)
-        page.labelled(rule, words + (opened and f": {opened}"), indent=2, column=9, style="bold")
+        equal.setdefault(words + (opened and f": {opened}"), []).append(rule)
+    for words, rules in equal.items():
+        page.put((f"{words}: ", "bold"), ", ".join(rules), indent=2)
 
 
 def _checked(page: Page, report: Report) -> None:

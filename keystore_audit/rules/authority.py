@@ -80,7 +80,7 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
         alone = decision("Leave only the authority of its role in each CA file.")
         yield Violation(
             f"{quoted(of_both[0].subject)} issues the identities and signs the permissions of "
-            f"{paths(enclaves)}: where the signer is not pinned, an enclave can sign itself any right.",
+            f"{paths(enclaves)}. Where peers accept any signer that it issued, an enclave can sign itself any right.",
             [located(c) for c in of_both],
             enclave=sole(enclaves),
             severity=None if context.chose(UNPINNED) else Severity.INFO,
@@ -100,7 +100,7 @@ _NAMES: Final = {Role.IDENTITY_CA: "identity CA", Role.PERMISSIONS_CA: "permissi
     decision(
         "Remove the authority if nobody meant to trust it: give every enclave the same CA files, as links to "
         "public/. Issue and sign again what others issued and signed. If it is meant, declare it under [authorities] "
-        "in the settings, with the fingerprints that -v prints."
+        "in the settings, by the fingerprint that stands here or that -v prints."
     ),
 )
 def unexpected_authority(keystore: Keystore, context: Context) -> Iterator[Violation]:

@@ -63,9 +63,8 @@ def _violation(found: Sequence[Divergence], why: str) -> Violation:
     # What an implementation allows by mistake in its own checks alone gives nothing away: peers refuse it.
     harmful = any(each.escalates and each.cause is not Cause.RULE_DOMAINS for each in found)
     harmful = harmful or bool(worst.starting or worst.refusing)
-    more = f" ({len(found)} lines)" if len(found) > 1 else ""
     return Violation(
-        f"{why}{more}: {_consequence(worst, enclaves)}",
+        f"{why}: {_consequence(worst, enclaves)}",
         [*_locations(found)],
         enclave=enclaves[0] if len(enclaves) == 1 else None,
         severity=_severity(harmful=harmful, ros=any(divergence.ros for divergence in found)),

@@ -111,8 +111,8 @@ def plain_link_to_whom_announces(process: Process) -> Iterator[Violation]:
     Severity.HIGH,
     facts.ROUTED_TLS,
     outside(
-        "Give each listener a certificate with its address or DNS name as subject alternative name, and leave "
-        "transport/link/tls/verify_name_on_connect at true."
+        "Give each listener a certificate with its address or DNS name as subject alternative name, and set "
+        "transport/link/tls/verify_name_on_connect to true (its default)."
     ),
 )
 def router_not_verified(process: Process, context: Context) -> Iterator[Violation]:

@@ -346,7 +346,9 @@ def _suppression(
     finding: str = "",
 ) -> Suppression:
     if table.code.startswith(OF_THE_AUDIT):
-        source.at("code").wrong(f"{table.code} is about the audit itself, which nothing accepts")
+        source.at("code").wrong(
+            f"{table.code}: codes from {OF_THE_AUDIT}00 on are about the audit itself, which nothing accepts"
+        )
     for name in several(table.profiles):
         if name not in VARIANTS:  # what an alias stands for changes from version to version
             expected = f"expected names as in reports, e.g. {facts.EXAMPLE_PROFILE}"

@@ -210,7 +210,10 @@ def test_what_peers_accept_elsewhere_is_said_in_place_of_what_stands_below(tmp_p
     shutil.copy(store / "enclaves/talker/key.pem", store / "enclaves/listener/key.pem")
     _code, out = answer("access", store, "--at", AT, "--profile", "spec", "--profile", "cyclonedds-0.10")
     flat = " ".join(out.split())
-    assert "What is said of peers below does not hold here, but this: If compromised, /listener can do this too" in flat
+    assert (
+        "The notes under the table about peers do not apply here; these do: If compromised, /listener can do this too"
+        in flat
+    )
     assert (
         flat.count("every enclave can do this too, and peers do not stop it: publish, subscribe, relay every topic.")
         == 1

@@ -13,7 +13,10 @@ from tests.schemas import schema
 
 HEALTHY = Path(__file__).parents[2] / "sample_keystores/healthy"
 AUDIT = ("turtlesim", "--engine", "native", "--offline", "--at", "2026-11-23T00:00:00Z")
-LINE = "HOLDS IF peers announce endpoints truthfully (Cyclone DDS does not check); authorities certified nothing else"
+LINE = (
+    "HOLDS IF peers announce endpoints truthfully (Cyclone DDS does not check); authorities issued no other "
+    "certificates"
+)
 
 
 def audit(*options: str) -> tuple[int, str]:

@@ -74,7 +74,7 @@ def test_a_narrow_scope_is_said_in_the_first_lines() -> None:
     narrow = ("--distro", "jazzy", "--rmw", "fastdds")
     _code, text = answer(*asked, *narrow)
     assert "\nPASS for Jazzy with Fast DDS 2.14  " in text
-    assert "every peer in the domain runs the scope" in " ".join(text.split())
+    assert "every robot in the domain runs what the scope names" in " ".join(text.split())
     assert answer(*asked, *narrow, "-q")[1].startswith("PASS for Jazzy with Fast DDS 2.14  ")
     _code, text = answer(*asked, "--distro", "jazzy")
     assert "\n      scope: Jazzy with Fast DDS 2.14 and Cyclone DDS 0.10\n" in text
@@ -83,7 +83,7 @@ def test_a_narrow_scope_is_said_in_the_first_lines() -> None:
     report = json.loads(answer(*asked, *narrow, "-f", "json")[1])
     assert report["scope"] == "Jazzy with Fast DDS 2.14"
     assert report["weakened"] == ["--at 2026-11-23T00:00:00Z"]
-    assert report["stated"] == ["Every peer in the domain runs the scope: Jazzy with Fast DDS 2.14."]
+    assert report["stated"] == ["Every robot in the domain runs what the scope names: Jazzy with Fast DDS 2.14."]
     assert json.loads(answer(*asked, "-f", "json")[1])["scope"] is None
     for form in ("markdown", "html", "sarif"):
         assert "Jazzy with Fast DDS 2.14" in answer(*asked, *narrow, "-f", form)[1]

@@ -75,7 +75,7 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "documents that were not read grant nothing": (TrustDomainView, "_held", "self._any_opaque", "False"),
     "announcements are truthful": (TrustDomainView, "_unasked", "truthful or", "True or"),
     "everybody believes announcements": (TrustDomainView, "_unasked", "not self.reading.asks_announced_only", "False"),
-    "authorities certified nothing else": (System, "anybody", "not self.assumed >= IDENTITIES", "False"),
+    "authorities issued no other certificates": (System, "anybody", "not self.assumed >= IDENTITIES", "False"),
     "there are no other documents": (System, "anything_granted", "not self.assumed >= DOCUMENTS", "False"),
     "robots enforce": (TrustDomainView, "__init__", "Assumption.ROBOTS_ENFORCE not in system.assumed", "False"),
     "only the identity itself signs": (

@@ -93,14 +93,14 @@ def test_what_does_not_fail_and_stands_in_many_enclaves_is_shown_of_some(
 ) -> None:
     report = replace(make_report(), properties=(), fail_on=Severity.HIGH)
     (first, *_rest) = report.findings
-    count = most + MAX_ABOUT + 1
+    count = most + MAX_ABOUT + 2
     every = in_enclaves(first, count, severity=Severity.MEDIUM, suppressed=None, explained_by=())
     shown = text.render(replace(report, findings=every), text.View(verbose=verbose))
     assert f"about {most - 1:02}" in shown
     assert f"about {most:02}" not in shown
     last = " ".join(shown.split())
-    assert f"and {MAX_ABOUT + 1} more of {first.code}, about /e{most:02}, " in last
-    assert f"/e{count - 2} and 1 more (all are in the JSON report)" in last
+    assert f"and {MAX_ABOUT + 2} more of {first.code}, about /e{most:02}, " in last
+    assert f"/e{count - 3} and 2 more (all are in the JSON report)" in last
     assert f"{count} causes at medium" in shown
     few = text.render(replace(report, findings=every[:most]), text.View(verbose=verbose))
     assert "more of" not in few

@@ -172,7 +172,7 @@ def test_one_authority_matters_more_where_the_signer_is_not_pinned(
     found = findings("KA222", judged(one_authority(healthy()), profiles=tuple(VARIANTS[p] for p in profiles)))
     assert [finding.severity for finding in found] == [severity]
     assert set(found[0].profiles) == {"fastdds-2.6.4", "fastdds-2.9", "cyclonedds-0.10"}
-    assert "where the signer is not pinned, an enclave can sign itself any right" in found[0].message
+    assert "Where peers accept any signer that it issued, an enclave can sign itself any right." in found[0].message
 
 
 def test_a_private_key_that_lies_in_a_second_enclave_is_shared_too() -> None:

@@ -165,10 +165,14 @@ def _read(view: TrustDomainView) -> int:
 
 
 class Surplus(Struct, frozen=True, kw_only=True):
-    """A right on `topic` that only the unmanaged document gives the enclave, with its peers' consent."""
+    """A right on `topic` that only the unmanaged document gives the enclave, with its peers' consent.
+
+    `endless`: the topic is one of infinitely many.
+    """
 
     operation: Operation
     topic: str
+    endless: bool
     domains: str
     """The domains for people."""
 
@@ -252,7 +256,7 @@ class _System:
             if channels:
                 channel = min(channels, key=lambda channel: not channel.ros)
                 domains = self._system.domains[channel.domain].label
-                return Surplus(operation=operation, topic=channel.topic, domains=domains)
+                return Surplus(operation=operation, topic=channel.topic, endless=channel.infinite, domains=domains)
         return None
 
 
