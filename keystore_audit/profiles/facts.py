@@ -92,6 +92,7 @@ ROUTED_STATED: Final = (
 )
 ROUTED_SCOPE: Final = "rmw_zenoh with the files in {}"
 ROUTED_ENFORCES_NONE: Final = "in DDS; rmw_zenoh enforces none of them"
+ROUTED_NAMED: Final = "the Zenoh files"
 ROUTED_TITLE: Final = "Who can do what in Zenoh"
 ROUTED_PAGE: Final = "keystore-audit, docs/zenoh.md"
 ROUTED_TLS: Final = "Zenoh, zenoh-link-tls, utils.rs and unicast.rs (read); measured on 1.10.2"

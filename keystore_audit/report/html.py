@@ -256,7 +256,9 @@ def _first(sheet: Sheet, causes: Sequence[Cause]) -> str:
             concerned = [each for each in sheet.profiles if each in finding.profiles] or sheet.profiles
             only = f" On {implementations(concerned)} only." if len(concerned) < len(sheet.profiles) else ""
             asserted = f" The settings forbid it: {', '.join(finding.properties)}." if finding.properties else ""
-            return f"{said}{only}{asserted}"
+            way = said.split(" -> ")
+            reaches = f"Data of {way[0]} can reach {way[-1].partition(' ')[0]}: " if len(way) > 1 else ""
+            return f"{reaches}{said}{only}{asserted}"
     return failing[0].message
 
 

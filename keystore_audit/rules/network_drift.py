@@ -60,8 +60,8 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
         if answer.works.truth is Truth.YES:
             yield answer.works
 
-    whose = "the policy does" if context.drift is not None else "permissions do"
-    message = f"{{who}} can {{what}} by the files, but {whose} not let it."
+    whose = "the policy does" if context.drift is not None else "its permissions do"
+    message = f"{{who}} can {{what}}: {facts.ROUTED_NAMED} allow it, {whose} not."
     yield from _differing(network, context, _not_granted(network, context), reaching, Truth.YES, message)
 
 
@@ -86,7 +86,7 @@ def granted_and_kept_off(network: Network, context: Context) -> Iterator[Violati
         enclave, operation, name, domain = right
         yield from (rights.works(enclave, role, key, release) for role, key in channels(operation, name, domain))
 
-    message = "The files do not let {who} {what}, though it was granted."
+    message = f"{{who}} cannot {{what}}: that is granted, but {facts.ROUTED_NAMED} stop it."
     yield from _differing(network, context, _granted_to_both(network, context), working, Truth.NO, message)
 
 

@@ -59,7 +59,7 @@ def told(keys: Path, network: Path, code: str = "KA822", **more: Any) -> list[st
     return [each.message for each in report.findings if each.code == code]
 
 
-BEYOND = "/talker can publish /chatter by the files, but permissions do not let it."
+BEYOND = "/talker can publish /chatter: the Zenoh files allow it, its permissions do not."
 
 
 @pytest.mark.parametrize(
@@ -96,13 +96,16 @@ def test_what_the_grant_says(change: str, expected: list[str], tmp_path: Path) -
     ("rule", "expected"),
     [
         ("0/chatter/*/*", []),
-        ("0/other/*/*", ["/talker can publish /other by the files, but permissions do not let it."]),
-        ("5/chatter/*/*", ["/talker can publish /chatter by the files, but permissions do not let it."]),
-        ("1000/chatter/*/*", ["/talker can publish /chatter by the files, but permissions do not let it."]),
-        ("0/**", ["/talker can publish /any by the files, but permissions do not let it."]),
-        ("0/arm/$*_cmd/**", ["/talker can publish /arm/any_cmd by the files, but permissions do not let it."]),
-        ("0/**/chatter/*/*", ["/talker can publish /any/chatter by the files, but permissions do not let it."]),
-        ("0/chatter/*/* 0/rosout/*/*", ["/talker can publish /rosout by the files, but permissions do not let it."]),
+        ("0/other/*/*", ["/talker can publish /other: the Zenoh files allow it, its permissions do not."]),
+        ("5/chatter/*/*", ["/talker can publish /chatter: the Zenoh files allow it, its permissions do not."]),
+        ("1000/chatter/*/*", ["/talker can publish /chatter: the Zenoh files allow it, its permissions do not."]),
+        ("0/**", ["/talker can publish /any: the Zenoh files allow it, its permissions do not."]),
+        ("0/arm/$*_cmd/**", ["/talker can publish /arm/any_cmd: the Zenoh files allow it, its permissions do not."]),
+        ("0/**/chatter/*/*", ["/talker can publish /any/chatter: the Zenoh files allow it, its permissions do not."]),
+        (
+            "0/chatter/*/* 0/rosout/*/*",
+            ["/talker can publish /rosout: the Zenoh files allow it, its permissions do not."],
+        ),
     ],
 )
 def test_what_the_files_let_in(rule: str, expected: list[str], tmp_path: Path) -> None:
@@ -123,8 +126,8 @@ def test_a_name_of_permissions_that_a_pattern_of_a_rule_lets_in(tmp_path: Path) 
     ("talker", "expected"),
     [
         ("publish|ALLOW", []),
-        ("publish|DENY", ["/talker can publish /chatter by the files, but the policy does not let it."]),
-        ("subscribe|ALLOW", ["/talker can publish /chatter by the files, but the policy does not let it."]),
+        ("publish|DENY", ["/talker can publish /chatter: the Zenoh files allow it, the policy does not."]),
+        ("subscribe|ALLOW", ["/talker can publish /chatter: the Zenoh files allow it, the policy does not."]),
     ],
 )
 def test_beyond_the_policy(talker: str, expected: list[str], tmp_path: Path) -> None:
@@ -160,7 +163,7 @@ def kept_off(
     enclave: str = "/listener", does: str = "subscribe to /chatter", more: str = " (and 1 more like it)"
 ) -> str:
     """What KA836 says."""
-    return f"The files do not let {enclave} {does}{more}, though it was granted."
+    return f"{enclave} cannot {does}{more}: that is granted, but the Zenoh files stop it."
 
 
 BOTH = [kept_off()]
