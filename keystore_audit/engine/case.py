@@ -235,7 +235,7 @@ def not_excluded(system: System, *about: str) -> Counterexample | None:
     if not names:
         return None
     files = some(dict.fromkeys(names), MAX_UNREAD)
-    text = f"{' on '.join(about) or 'Anybody'} cannot be excluded: {files} could not be read."
+    text = f"It cannot be ruled out for {' on '.join(about) or 'anybody'}: {files} could not be read."
     shown = ((each, each.label != each.location.path) for each in unread[:MAX_UNREAD])
     steps = (step_at(each.location, each.label if named else "could not be read") for each, named in shown)
     return Counterexample(text=text, steps=tuple(steps))

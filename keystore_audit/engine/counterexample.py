@@ -198,7 +198,7 @@ def _insider(does: str, operation: Operation) -> Callable[[Case], Told]:
 def _reader_forges(case: Case) -> Told:
     text = (
         f"{case.enclave.label}, which may only subscribe to {case.topic}, can forge it: readers and the writer "
-        f"share one key, and origin authentication is off ({case.kinds()})."
+        f"share one key, and origin authentication of submessages is off ({case.kinds()})."
     )
     return text, case.right_steps(case.witness[Role.ENCLAVE], SUBSCRIBE) + case.governance_steps()
 

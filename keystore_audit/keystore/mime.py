@@ -169,7 +169,7 @@ def _read_parts(
     mentions = text.count(mark[1:], start)
     if not parts or not (parts[-1] + b"\n").startswith(b"--\n") or mentions != len(parts):
         shown = boundary[:80].decode("ascii", "backslashreplace")
-        raise _malformed(text, max(text.rfind(mark), 0) + 1, f'no final boundary for "{shown}"')
+        raise _malformed(text, max(text.rfind(mark), 0) + 1, f'the closing boundary "{shown}" is missing')
     if len(parts) != 3 or not all(part.startswith(b"\n") for part in parts[:2]):
         found = "expected two parts, the text and its signature, between boundaries on lines of their own"
         raise _malformed(text, start + len(before), found)

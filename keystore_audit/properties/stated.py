@@ -118,7 +118,7 @@ NOBODY_WRITES_WITHOUT_A_GRANT = Property(
     id="nobody-writes-without-a-grant",
     statement=(
         "No enclave can publish a topic, so that peers accept it, without a publish grant from the permissions CA. "
-        "Forging by an enclave with a subscribe grant is readers-cannot-forge."
+        "Whether its readers can forge it is another property, readers-cannot-forge."
     ),
     attacker="insider without a grant",
     clause="DDS-Security 1.1, 8.4.2.9 (check_remote_datawriter) and 9.5.3.3",
@@ -153,7 +153,7 @@ RELAYS_CANNOT_READ = Property(
 
 NO_BRIDGES = Property(
     id="no-enclave-bridges-domains",
-    statement="No enclave can read in one domain and write in another that the documents tell apart from it.",
+    statement="No enclave can read in one domain and write in another one to which other rules apply.",
     attacker="compromised enclave",
     clause="DDS-Security 1.1, 9.4.1.2.3 and 9.4.1.3.2.3 (domains of rules)",
     roles=(Role.TRUST_DOMAIN, Role.ENCLAVE, Role.CHANNEL, Role.OTHER_CHANNEL),

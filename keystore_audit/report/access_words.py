@@ -33,6 +33,13 @@ SHORT: Final = {
 """Operations as they stand in a matrix."""
 
 
+def unread(table: AccessTable) -> str:
+    """A sentence about enclaves of which it is unknown what they may do; empty where there are none."""
+    enclaves = table.groups[-1].enclaves
+    paths = [path for path, enclave in enclaves.items() if enclave.usable is Truth.UNKNOWN]
+    return f"Unread, so shown as able to do anything: {_listed(paths)}." if paths else ""
+
+
 def namespace(path: str) -> str:
     """That of an enclave."""
     return path.rpartition("/")[0]
@@ -213,7 +220,7 @@ _PEERS: Final[tuple[tuple[Callable[[Rights], tuple[int, int]], str], ...]] = (
         lambda right: (right.accepted & ~right.allowed, right.accepted),
         "If compromised, {} can do this too, and peers do not stop it",
     ),
-    (lambda right: (right.disputed, right.taken.may), "It cannot be told whether peers accept from {}"),
+    (lambda right: (right.disputed, right.taken.may), "It is unknown whether peers accept this from {}"),
     (lambda right: (right.allowed & ~right.taken.may, 0), "Allowed, but accepted by no peer, from {}"),
 )
 """Where peers and the enclave's own implementation do not agree: names; and with which others these may be all."""

@@ -62,14 +62,14 @@ def put_headings(page: Page, report: Report, consequences: Consequences) -> None
     """Put one line for each code that fails the gate or leaves the audit open, or warns of the audit itself."""
 
     def own(cause: Cause) -> bool:
-        return cause.finding.code.startswith(OF_THE_AUDIT) and cause.severity.at_least(Severity.MEDIUM)
+        return cause.finding.code.startswith(OF_THE_AUDIT) and cause.severity.at_least(Severity.LOW)
 
     deciding = [cause for cause in consequences.causes if cause.decides(report.fail_on) or own(cause)]
     for alike in grouped(deciding, lambda cause: (cause.finding.code, cause.severity)).values():
         finding = alike[0].finding
         more = f" and {len(alike) - 1} more" if len(alike) > 1 else ""
-        place = finding.locations[0] if finding.locations else ""
-        _heading(page, alike[0], f"  {place}{more}")
+        about = [*finding.properties[:1], *map(str, finding.locations[:1])]
+        _heading(page, alike[0], f"  {'  '.join(about)}{more}")
 
 
 def put_full(page: Page, report: Report, consequences: Consequences) -> None:

@@ -70,11 +70,18 @@ NOT_CHECKED: Final = {
         "What participants tell whoever listens: their enclave's name in clear, and in the handshake the whole "
         "permissions document (DDS-Security 1.1, 8.3 and 9.3.2)."
     ),
+    "node code": (
+        "What nodes do with their rights: a flow counts where rights let it pass, unless settings say what a node "
+        "forwards."
+    ),
     "documents kept elsewhere": (
         "Signed documents that are kept elsewhere than in this directory, or in archives in it, though peers take "
         "whatever valid document is presented to them."
     ),
-    "flows nobody asked about": "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
+    "flows nobody asked about": (
+        "Flows that no property of the settings asks about, and signals without data: timing, acknowledgements, "
+        "matching."
+    ),
 }
 """What this version does not look at, each behind a few words for it."""
 
@@ -133,7 +140,8 @@ class Anchors(Struct, frozen=True, kw_only=True):
 
 def none_here(anchors: Anchors) -> str:
     """Why no authority of a role is listed."""
-    return "none of those declared is here" if anchors.declared else "none that can be told"
+    declared = ", ".join(f"sha256:{each}" for each in anchors.declared)
+    return f"none of those declared is here ({declared})" if declared else "none that can be told"
 
 
 class Checked(Struct, frozen=True, kw_only=True):
@@ -357,6 +365,9 @@ def untested(profiles: Sequence[Profile]) -> Iterator[str]:
     measured = [profile.name for profile in profiles if profile.evidence is Evidence.MEASURED]
     read = [profile.name for profile in profiles if profile.evidence is Evidence.READ and profile.name != "spec"]
     if measured:
-        yield f"{', '.join(measured)}: measured once on each release, not by the tool's tests (docs/profiles.md)."
+        yield (
+            f"Whether {', '.join(measured)} still do what was measured once on each release: the tool's tests do not "
+            "ask them (docs/profiles.md)."
+        )
     if read:
-        yield f"{', '.join(read)}: by their source alone (docs/profiles.md)."
+        yield f"Whether {', '.join(read)} do what their source says (docs/profiles.md)."

@@ -45,7 +45,7 @@ from keystore_audit.report.view_model import (
     until,
     warnings,
 )
-from keystore_audit.text import counted, html, instant, shorten
+from keystore_audit.text import counted, html, instant, shorten, some
 
 MAX_LINES: Final = 18
 MAX_LIGHT: Final = 3
@@ -56,6 +56,9 @@ IN_LINE: Final = 56
 
 MAX_SAID: Final = 340
 """Characters of a cause on the first screen."""
+
+MAX_OPEN: Final = 4
+"""Enclaves, or codes, named in a sentence about the verdict."""
 
 MAX_DECIDED: Final = 20
 """Causes of which a meeting decides: a page."""
@@ -189,22 +192,21 @@ def _sections(sheet: Sheet) -> Iterator[_Section]:
         yield _Section(key="access", title=f"Who may do what{of}", view=access(sheet, overview))
         yield _Section(key="flows", title=f"Information flow{of}", view=flows(overview, len(report.enclaves)))
         yield _Section(key="radius", title=f"Blast radius{of}", view=rankings(report.blast_radius or ()))
-    yield _Section(key="starting", title="Who can start", view=_starting(report))
+    yield _Section(key="starting", title=f"Who can start{of}", view=_starting(report))
     rows = [*differing(sheet)]
     table = None if overview is None else overview.access
     yield _Section(
         key="profiles",
         title=f"Implementations{' of DDS' if of else ''}",
-        badge=str(len(rows) or ""),
         view=profiles(sheet, rows, table),
     )
     if overview is not None:
-        safe = None if report.verdict is Verdict.FAIL else report.safe_until
+        safe = report.safe_until if report.verdict is Verdict.PASS else None
         yield _Section(key="certificates", title="Certificates and signatures", view=certificates(overview.issuance))
         yield _Section(key="dates", title="Dates", view=timeline(overview.periods, report.at, safe))
     if causes := [each for each in sheet.consequences.causes if each.severity is not Severity.INFO]:
         yield _Section(key="meeting", title="For the meeting", view=_meeting(sheet, causes))
-    yield _Section(key="basis", title="What this rests on", view=_basis(sheet))
+    yield _Section(key="basis", title="Assumptions, what was not checked, words", view=_basis(sheet))
 
 
 def _statuses(report: Report) -> str:
@@ -221,21 +223,24 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
     lines = accumulate(map(_lines, weighing))
     shown = [each for each, end in zip(weighing, lines, strict=True) if end <= MAX_LINES or each is weighing[0]]
     shown = shown or [*causes[:MAX_LIGHT]]
-    beside = (
-        f"{facts.ROUTED_SCOPE.format(shorten(report.network, MAX_TITLE))}, and apart from it for "
-        if report.network
-        else ""
-    )
     return {
         "first": _first(sheet, shown),
-        "scope": f"Judged for {beside}{report.scope or implementations(sheet.profiles)}, as of {instant(report.at)}.",
+        "scope": _subject(sheet),
         "rests": _assumes(report),
         "warnings": [*warnings(report, versions=True)],
-        "title": f"{counted(len(causes), 'cause')} of {counted(sum(report.summary.values()), 'finding')}",
+        "title": f"{counted(len(causes), 'cause')} behind {counted(sum(report.summary.values()), 'finding')}",
         "causes": shown,
         "more": f"{len(causes) - len(shown)} more under Findings." if len(causes) > len(shown) else "",
         "system": system([entry.path for entry in report.enclaves], overview, report.routed, shown, sheet.consequences),
     }
+
+
+def _subject(sheet: Sheet) -> str:
+    """What is judged, for which implementations, as of when."""
+    report = sheet.report
+    beside = f"{facts.ROUTED_SCOPE.format(shorten(report.network, MAX_TITLE))}, and apart from it for DDS: "
+    scope = report.scope or implementations(sheet.profiles)
+    return f"Judged for {beside if report.network else ''}{scope}, as of {instant(report.at)}."
 
 
 def _lines(cause: Cause) -> int:
@@ -247,7 +252,11 @@ def _first(sheet: Sheet, causes: Sequence[Cause]) -> str:
     """Which enclave can do what, of the first cause that says so; else what the first says, or the verdict."""
     report = sheet.report
     failing = [each for cause in causes for each in cause.every if each.fails(report.fail_on)]
-    if report.verdict is not Verdict.FAIL or not failing:
+    if report.verdict is Verdict.INCOMPLETE:
+        open_of = [each.enclave for cause in causes for each in cause.every if each.undecided and each.enclave]
+        whose = f" of {some(dict.fromkeys(open_of), MAX_OPEN)}" if open_of else ""
+        return f"Something{whose} could not be decided, and what cannot be decided is no pass."
+    if report.verdict is Verdict.PASS or not failing:
         return _meaning(report)
     paths = tuple(f"{entry.path} " for entry in report.enclaves)
     for finding in failing:
@@ -264,19 +273,22 @@ def _first(sheet: Sheet, causes: Sequence[Cause]) -> str:
 
 def _meeting(sheet: Sheet, causes: Sequence[Cause]) -> Mapping[str, Any]:
     """What is to be decided, and the lines of settings by which each finding of a cause would be accepted."""
-    shown = causes[:MAX_DECIDED]
+    shown, notes = causes[:MAX_DECIDED], sheet.consequences.causes[len(causes) :]
     return {
         "causes": [(cause, [each for each in cause.every if not each.undecided][:MAX_OF_RULE]) for cause in shown],
         "left_out": len(causes) - len(shown),
         "meaning": _meaning(sheet.report),
         "assumes": _assumes(sheet.report),
         "accepted": sheet.report.accepted[:MAX_DECIDED],
+        "notes": ", ".join(dict.fromkeys(each.finding.code for each in notes)),
+        "subject": _subject(sheet),
     }
 
 
 def _assumes(report: Report) -> str:
-    """The conditions; on a page that fails, nobody asks first what holds."""
-    return report.holds_if.replace("HOLDS IF", "“Holds” below means: if", report.verdict is Verdict.FAIL)
+    """The conditions, in a sentence; empty where there are none."""
+    assumes = report.holds_if.replace("HOLDS IF", "Where this page says “holds”, it assumes:")
+    return f"{assumes}." if assumes else ""
 
 
 def _basis(sheet: Sheet) -> Mapping[str, Any]:
@@ -291,7 +303,7 @@ def _basis(sheet: Sheet) -> Mapping[str, Any]:
     return {
         "facts": [
             ("gate", _meaning(report)),
-            *([] if report.verdict is Verdict.FAIL else [("dates", _dates(report))]),
+            *([("dates", _dates(report))] if report.verdict is Verdict.PASS else []),
             ("layout", f"{report.layout}, {counted(len(report.enclaves), 'enclave')}"),
             ("judged as", ", ".join(sheet.profiles)),
             ("properties", f"{len(report.holding)} of {len(report.properties)} hold"),
@@ -308,9 +320,10 @@ def _basis(sheet: Sheet) -> Mapping[str, Any]:
 
 
 def _meaning(report: Report) -> str:
+    failing = [each.code for each in report.findings if each.fails(report.fail_on)]
     words = {
         Verdict.INCOMPLETE: "Something could not be decided, and what cannot be decided is no pass. ",
-        Verdict.FAIL: "Somebody can do what this keystore seems to forbid, or a robot cannot start. ",
+        Verdict.FAIL: f"Because of {some(dict.fromkeys(failing), MAX_OPEN)}. ",
         Verdict.PASS: "Nothing was found that fails this gate. " if report.fail_on is not None else "",
     }[report.verdict]
     gate = report.fail_on
@@ -326,12 +339,12 @@ def _dates(report: Report) -> str:
 
 
 def _findings(sheet: Sheet) -> Mapping[str, Any]:
-    """By severity, then by rule, with remedy and clause said once."""
+    """As the causes come, by rule, with remedy and clause said once."""
     consequences = sheet.consequences
     by_rule = grouped(consequences.told, lambda finding: (consequences.rank(finding)[0], finding.code))
-    first = {code: rank for rank, code in sorted(by_rule, reverse=True)}
+    first = {code: rank for rank, code in reversed(by_rule)}
     return {
-        "rules": [_rule(rank, by_rule[rank, code], first=first[code] == rank) for rank, code in sorted(by_rule)],
+        "rules": [_rule(rank, found, first=first[code] == rank) for (rank, code), found in by_rule.items()],
         "consequences": consequences,
         "hidden": len(sheet.report.findings) - len(sheet.shown),
         "accepted": [finding for finding in sheet.shown if finding.suppressed is not None],

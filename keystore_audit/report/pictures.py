@@ -12,7 +12,7 @@ from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.tables.access_rows import label
 from keystore_audit.model.tables.access_table import AccessTable
 from keystore_audit.model.tables.overview import Neighbourhood, Overview, PeerGroup, Period
-from keystore_audit.report.access_words import namespace, protected
+from keystore_audit.report.access_words import namespace, protected, unread
 from keystore_audit.text import counted, shorten, terminal
 
 WIDTH: Final = 960
@@ -163,6 +163,7 @@ def flows(overview: Overview, enclaves: int) -> Mapping[str, Any]:
         spaces = {"": [*shown]}
     return {
         "domain": table.domain,
+        "unread": unread(table),
         "ambient": ", ".join(sorted({label(table, number) for number in members(overview.ambient)})),
         "spaces": [(space, [picture(table, each) for each in several]) for space, several in spaces.items()],
         "left_out": max(enclaves - len(shown), 0),

@@ -13,6 +13,7 @@ from keystore_audit.model.tables.access_rows import label
 from keystore_audit.model.tables.access_table import AccessTable
 from keystore_audit.model.tables.overview import Neighbourhood, Overview
 from keystore_audit.properties.result import Step
+from keystore_audit.report.access_words import unread
 from keystore_audit.report.pictures import fitted
 from keystore_audit.report.view_model import Cause, Consequences
 from keystore_audit.text import some
@@ -92,6 +93,8 @@ def system(
     else:
         return {}
     about = [*_about(table, causes, told, shared)]
+    if not ends and len(shared) < 2:
+        return {}
     every = sorted(_topics(ends, about), key=lambda each: (not any(each.marks), each.names))
     shown = sorted(every[:MAX_BOXES], key=lambda each: each.names)
     receiving = {who for each in every for who in each.all_ends(1)}
@@ -117,6 +120,7 @@ def system(
         "edges": [edge for each in shown for edge in _edges(each, places[each.names], left, right)],
         "lines": [(each.told(0), _words(each.names), each.told(1)) for each in shown],
         "left_out": len(every) - len(shown),
+        "unread": unread(table) if table is not None else "",
     }
 
 

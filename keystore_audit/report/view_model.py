@@ -184,8 +184,8 @@ def warnings(report: Report, *, versions: bool = False) -> Iterator[str]:
 
 
 HOW: Final = (
-    "If these are the ones that you trust, declare them in keystore-audit.toml, which CI reads where it is named "
-    "(--settings keystore-audit.toml). These are fingerprints of the keys, which stay where a certificate is renewed:"
+    "If you trust these authorities, declare them: paste this into keystore-audit.toml, and give CI --settings "
+    "keystore-audit.toml. The fingerprints are of the keys, which a renewed certificate keeps:"
 )
 
 
@@ -210,12 +210,12 @@ def nodes_beside(findings: Iterable[Finding]) -> str:
     codes = [code for code in _KEEPING_NODES if code in told]
     if not codes:
         return ""
-    return f"That is of DDS participants. ROS 2 asks for more before it makes a node: see {', '.join(codes)}."
+    return f"This is about DDS participants. ROS 2 may still make no node of one: see {', '.join(codes)}."
 
 
 def assumed(report: Report) -> tuple[str, ...]:
     """What the verdict takes for granted, in full."""
-    return (*(each.sentence for each in report.assumptions), *report.stated)
+    return (*(f"{each.sentence} ({each.assumption.value})" for each in report.assumptions), *report.stated)
 
 
 def starting(report: Report) -> tuple[list[EnclaveEntry], list[EnclaveEntry]]:

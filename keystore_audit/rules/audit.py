@@ -176,11 +176,12 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
     if _is_ours(result):
         same = (profiles, why)
         alike = [each for each in context.results if _is_ours(each) and (_undecided(each), _why(each, context)) == same]
-    told, ids = result.prop.statement, tuple(each.prop.id for each in alike)
+    ids = tuple(each.prop.id for each in alike)
+    told = f"Undecided, since {why}: {result.prop.statement}"
     if len(alike) > 1:
-        told = f"{len(alike)} properties, {listed(ids)}."
+        told = f"{len(alike)} properties are undecided, since {why}: {listed(ids)}."
     yield Violation(
-        f"Undecided, since {why}: {told}",
+        told,
         (*_asserted(result), *[doubt.location for doubt in context.meaning.doubts]),
         profiles=profiles,
         undecided=True,

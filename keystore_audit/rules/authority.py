@@ -91,6 +91,10 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
 
 
 _NAMES: Final = {Role.IDENTITY_CA: "identity CA", Role.PERMISSIONS_CA: "permissions CA"}
+_POWERS: Final = {
+    Role.IDENTITY_CA: "Whoever has its key can issue identities that peers accept",
+    Role.PERMISSIONS_CA: "Whoever has its key can sign permissions that peers accept",
+}
 
 
 @rule(
@@ -98,9 +102,9 @@ _NAMES: Final = {Role.IDENTITY_CA: "identity CA", Role.PERMISSIONS_CA: "permissi
     Severity.HIGH,
     "DDS-Security 1.1, 9.3.1 and 9.4.1.1 (participants of a domain share their authorities); measured",
     decision(
-        "Remove the authority if nobody meant to trust it: give every enclave the same CA files, as links to "
-        "public/. Issue and sign again what others issued and signed. If it is meant, declare it under [authorities] "
-        "in the settings, by the fingerprint that stands here or that -v prints."
+        "Remove the authority if nobody meant to trust it, and issue and sign again what it issued and signed. Every "
+        "enclave needs the same CA files, as links to public/. If it is meant, declare it under [authorities] in the "
+        "settings, by a fingerprint that -v prints."
     ),
 )
 def unexpected_authority(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -139,14 +143,15 @@ def _unexpected(anchors: Anchors, group: _Files) -> Violation:
     enclaves = [enclave for _file, several in group for enclave in several]
     first = group[0][0]
     beside = any(map(anchors.trusts, first.certificates))
-    held = listed({c.sha256: f"{quoted(c.subject)} (sha256:{c.sha256})" for c in foreign}.values())
+    held = listed({c.sha256: quoted(c.subject) for c in foreign}.values())
     of = f" of {paths(enclaves)}" if enclaves else ""
     expected = listed(quoted(each.subject) for each in anchors.certificates)
-    why = f"as found in {anchors.found_in}" if anchors.found_in else "as declared"
+    why = f"the first in {anchors.found_in}" if anchors.found_in else "as declared"
     wanted = f"expected {expected} alone, {why}" if expected else "and none of the declared authorities is here"
     return Violation(
-        f"The {_NAMES[anchors.role]} file {first.file.place}{of} holds {held}{' too' if beside else ''}, {wanted}.",
-        [located(each) for each in foreign],
+        f"The {_NAMES[anchors.role]} file {first.file.place}{of} holds {held}{' too' if beside else ''}, {wanted}. "
+        f"{_POWERS[anchors.role]}.",
+        [located(each, f"certificate sha256:{each.sha256}, its key sha256:{each.key}") for each in foreign],
         enclave=sole(enclaves),
         key=_trusting([(anchors.role.value, (each.key for each in foreign), enclaves)]),
     )

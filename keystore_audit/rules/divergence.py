@@ -146,7 +146,7 @@ def _names(profiles: Collection[str]) -> str:
         distributions.update(dict.fromkeys(profile.distributions))
     said = []
     for vendor, (versions, distributions) in by_vendor.items():
-        shipped = f" ({', '.join(distributions)})" if distributions else ""
+        shipped = f" ({', '.join(map(str.capitalize, distributions))})" if distributions else ""
         said.append(f"{vendor} {', '.join(versions)}".rstrip() + shipped)
     return either(said) if said else "no other"
 

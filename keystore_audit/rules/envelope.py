@@ -53,7 +53,7 @@ def malformed_smime(use: SignedUse) -> Iterator[Violation]:
     OpenSSL, which all measured implementations use, accepts some of these. The meaning is unknown, since it is not
     guessed.
     """
-    yield from _has(use, "what a robot reads in it is unknown.", Kind.MIME_MALFORMED, opens=True)
+    yield from _has(use, "what a robot reads in the document is unknown.", Kind.MIME_MALFORMED, opens=True)
 
 
 @rule(

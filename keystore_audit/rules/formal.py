@@ -291,7 +291,8 @@ _decided(
     Severity.HIGH,
     "keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
     decision(
-        "Change one of the lines named, which let it through (edit the .xml and sign it), or change the assertion.",
+        "Remove what one of the lines named allows (edit the .xml and sign it), or agree with its owner that the "
+        "assertion is wrong.",
         "If `able` is asserted, grant what is missing.",
     ),
 )
@@ -324,7 +325,7 @@ def asserted_alloy_property_violated(result: AlloyResult) -> Iterator[Violation]
 
 def _told(result: UserResult, example: str) -> str:
     said = f"{quoted(result.prop.id)} is violated{f': {example}' if example else '.'}"
-    return " ".join(filter(None, (said, f"Asserted: {result.prop.statement}", result.beside)))
+    return " ".join(filter(None, (said, f"The settings demand: {result.prop.statement}", result.beside)))
 
 
 @rule(

@@ -184,7 +184,7 @@ def unauthenticated_participants_allowed(use: GovernanceUse) -> Iterator[Violati
         if domain_rule.allow_unauthenticated_participants:
             yield violation(
                 "allow_unauthenticated_participants",
-                "allow_unauthenticated_participants is true, expected false: whoever reaches the network is matched "
+                "allow_unauthenticated_participants is true, expected false: whoever reaches the network joins "
                 "without a certificate.",
             )
 

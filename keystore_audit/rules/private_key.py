@@ -23,7 +23,6 @@ from keystore_audit.model.inventory import beside_enclaves
 from keystore_audit.rules.files import renaming
 from keystore_audit.rules.registry import Context, Violation, defective, listed, located, of_kinds, quoted, rule
 from keystore_audit.rules.remedies import ISSUE_AGAIN
-from keystore_audit.text import counted
 
 _OTHERS: Final = 0o077
 """Permission bits of group and others."""
@@ -353,9 +352,10 @@ def private_key_others_have(keystore: Keystore, context: Context) -> Iterator[Vi
         )
     published = [each for each in own.keys if each.key in published_keys()]
     if published:
-        what = "a key of" if len(published) == 1 else f"{counted(len(published), 'key')} of"
+        keys_here = "1 key here, which was" if len(published) == 1 else f"{len(published)} keys here, which were"
+        robot = "" if context.deployed else " On a robot nothing else here would count (critical with --deployed)."
         yield Violation(
-            f"The keystore has {what} a published sample: anybody has the private half (critical with --deployed).",
+            f"Anybody has the private half of {keys_here} published with a sample.{robot}",
             _locations((each.place for each in published), keystore.root),
             severity=None if context.deployed else Severity.INFO,
             key=f"published {' '.join(sorted(each.key for each in published))}",

@@ -254,7 +254,7 @@ def of_no_node(use: PermissionsUse) -> Iterator[Violation]:
                 grant,
                 place.line,
                 f"{quoted(grant.subject_name.text)} may {VERBS[operation]} {ros_name(topic)}{more_like(found)} only "
-                f"in partition {quoted(place.text)}, and no ROS 2 node is in one: none may.",
+                f"in partition {quoted(place.text)}. ROS 2 nodes use no partitions, so this allows them nothing.",
                 remedy=NO_PARTITIONS,
                 key=f"{grant.subject_name.text} in partitions",
             )
@@ -309,8 +309,8 @@ def _evaded(use: PermissionsUse, context: Context) -> Iterator[Violation]:
                 use,
                 grant,
                 criterion.line,
-                f"{operation.value} is denied in {where}, but allowed {allowing} in one that is a pattern, which no "
-                "denial matches. An endpoint there meets those in all partitions that the pattern matches.",
+                f"Denied here is {operation.value} in {where}. But it is allowed {allowing} in a partition pattern "
+                "that meets this one, and no denial matches the pattern.",
                 profiles=tuple(profiles),
                 key=f"{grant.subject_name.text} {operation.value} denied {' '.join(denied_in)}",
             )

@@ -176,7 +176,7 @@ class TestMeeting:
         filled = {
             'reason = ""': 'reason = "known"',
             'owner = ""': 'owner = "Ada"',
-            'until = ""  # YYYY-MM-DD': "until = 2026-12-04",
+            "until = YYYY-MM-DD  # a date, without quotes": "until = 2026-12-04",
         }
         settings = tmp_path / "it.toml"
         settings.write_text("\n".join(filled.get(line, line) for line in lines), "utf-8")

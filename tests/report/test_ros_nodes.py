@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DISCOVERY = rule(publish=("ros_discovery_info",), subscribe=("ros_discovery_info",))
 RT_ONLY = GOVERNANCE.replace(b"<topic_expression>*<", b"<topic_expression>rt/*<")
 USUAL = rule(publish=("rt/rosout", "rt/parameter_events", "rr/*"), subscribe=("rt/parameter_events",))
-BESIDE = "That is of DDS participants."
+BESIDE = "This is about DDS participants."
 
 
 @pytest.mark.parametrize(

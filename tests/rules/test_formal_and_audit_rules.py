@@ -111,7 +111,7 @@ def test_many_properties_that_are_undecided_are_counted_and_not_listed() -> None
     many = tuple(result(prop.id, spec=answer(UNKNOWN)) for prop in PROPERTIES[:7])
     (one,), (fewer,) = (findings("KA906", judged(results=each)) for each in (many, many[:6]))
     named = ", ".join(each.prop.id for each in many[:5])
-    assert one.message == f"Undecided, since no engine gave an answer: 7 properties, {named} and 2 more."
+    assert one.message == f"7 properties are undecided, since no engine gave an answer: {named} and 2 more."
     assert one.fingerprint != fewer.fingerprint
 
 

@@ -119,7 +119,7 @@ def test_a_name_of_permissions_that_a_pattern_of_a_rule_lets_in(tmp_path: Path) 
     keys = keystore(tmp_path, "rt/a*", listener="</topic>|</topic><topic>rt/cmd_vel</topic>")
     network = files(tmp_path, keys, "0/**")
     (found,) = told(keys, network)
-    assert found.startswith("/talker can publish /chatter (and 1 more like it) by the files")
+    assert found.startswith("/talker can publish /chatter (and 1 more like it): the Zenoh files")
 
 
 @pytest.mark.parametrize(
