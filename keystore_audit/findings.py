@@ -134,8 +134,9 @@ MAX_PLACES: Final = 50
 """Locations of one finding: enough to fix by hand, and ten thousand wildcards make no report of ten thousand lines."""
 
 OF_PROPERTIES: Final = "KA7"
+OF_NETWORKS: Final = "KA8"
 OF_THE_AUDIT: Final = "KA9"
-"""How the codes begin of rules about what the engines decide, and about the audit itself."""
+"""How the codes begin of rules about what the engines decide, networks without DDS, and the audit itself."""
 
 
 class Severity(str, Enum):

@@ -103,7 +103,7 @@ def weakened(options: Options) -> tuple[str, ...]:
     if options.settings_passed_over:
         weakened.append(options.settings_passed_over)
     if options.at_given:
-        weakened.append(f"--at {options.at:%Y-%m-%dT%H:%M:%SZ}, not as of today")
+        weakened.append(f"--at {options.at:%Y-%m-%dT%H:%M:%SZ} (dates are judged as of then)")
     return tuple(weakened)
 
 

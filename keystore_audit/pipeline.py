@@ -172,7 +172,6 @@ def audit(
             f"{options.time_zone}",
             *sorted(each.value for each in accesses.assumed),
             *declared_runs,
-            *(each.file.sha256 for each in (network.processes if network is not None else ())),
         ),
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)

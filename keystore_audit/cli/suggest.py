@@ -87,8 +87,10 @@ def command(keystore: str, **given: Any) -> int:
         raise click.UsageError(f"--router PATH or --listen PATH=HOST:PORT, -o DIR and --as {NETWORK} belong together.")
     if router is not None and {*addresses} - {router}:
         raise click.UsageError("The clients of a router listen nowhere.")
-    if networked and (given["enclave"] is not None or (given["no_usual"] and not observed)):
-        raise click.UsageError("A network is of all enclaves, and permissions do not say what is usual.")
+    if networked and given["enclave"] is not None:
+        raise click.UsageError("A network is of all enclaves: leave out --enclave.")
+    if networked and given["no_usual"] and not observed:
+        raise click.UsageError("--no-usual needs --policy, --graph or --launch: permissions do not say what is usual.")
     opt.check_launch_arguments(given["launch_arguments"], given["launches"])
     from keystore_audit.intent import read_observed
     from keystore_audit.suggest import Suggester

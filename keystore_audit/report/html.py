@@ -123,6 +123,7 @@ def _environment() -> Environment:
         incomplete=Verdict.INCOMPLETE,
         marks=_MARKS,
         none_here=none_here,
+        routed_stolen=facts.ROUTED_STOLEN,
         severities=tuple(Severity),
         short=SHORT,
         max_said=MAX_SAID,
@@ -238,9 +239,10 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
 def _subject(sheet: Sheet) -> str:
     """What is judged, for which implementations, as of when."""
     report = sheet.report
-    beside = f"{facts.ROUTED_SCOPE.format(shorten(report.network, MAX_TITLE))}, and apart from it for DDS: "
     scope = report.scope or implementations(sheet.profiles)
-    return f"Judged for {beside if report.network else ''}{scope}, as of {instant(report.at)}."
+    if report.network:
+        scope = f"{facts.ROUTED_SCOPE.format(shorten(report.network, MAX_TITLE))}; for DDS apart from it"
+    return f"Judged for {scope}, as of {instant(report.at)}."
 
 
 def _lines(cause: Cause) -> int:
@@ -287,8 +289,11 @@ def _meeting(sheet: Sheet, causes: Sequence[Cause]) -> Mapping[str, Any]:
 
 def _assumes(report: Report) -> str:
     """The conditions, in a sentence; empty where there are none."""
-    assumes = report.holds_if.replace("HOLDS IF", "Where this page says “holds”, it assumes:")
-    return f"{assumes}." if assumes else ""
+    if report.network:
+        return f"This assumes that {facts.ROUTED_IF}."
+    plainly = report.holds_if.replace("HOLDS IF", "Where this page says “holds”, it assumes:")
+    said = report.holds_if if report.verdict is Verdict.PASS else plainly
+    return f"{said}." if said else ""
 
 
 def _basis(sheet: Sheet) -> Mapping[str, Any]:
@@ -333,8 +338,6 @@ def _meaning(report: Report) -> str:
 def _dates(report: Report) -> str:
     if report.safe_until is None:
         return "No date in the keystore changes this answer."
-    if report.safe_until <= report.at:
-        return f"Nothing can be said of the future: {report.safe_until_why}."
     return f"This answer holds until {instant(report.safe_until)}: {until(report)}"
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from keystore_audit.assumptions import CONDITIONS
-from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.findings import OF_NETWORKS, Finding, Result, Severity
 from keystore_audit.profiles import facts, implementations, shipped_by
 from keystore_audit.properties.result import Status
 from keystore_audit.report.causes_text import (
@@ -145,6 +145,8 @@ def _counted_at(count: int, severity: Severity, worst: bool) -> str:
 
 def _whose(report: Report, deciding: Sequence[Finding]) -> str:
     """The implementations for which these findings decide."""
+    if all(each.code.startswith(OF_NETWORKS) for each in deciding):
+        return facts.ROUTED_BY_FILES
     judged = report.judged_profiles
     concerned = {name for each in deciding for name in each.profiles or judged}
     names = [name for name in judged if name in concerned]
@@ -170,8 +172,11 @@ def _in_short(page: Page, report: Report) -> None:
     if report.properties:
         put_rows(page, "Properties", [_decided(report)])
     conditions = [each.condition for each in report.assumptions if each.needed_by and each.assumption in CONDITIONS]
-    others = len(report.assumptions) + len(report.stated) - len(conditions) - bool(report.scope)
-    conditions = [*([PEERS_IN_SCOPE] if report.scope else []), *conditions]
+    others = len(report.assumptions) + len(report.stated) - len(conditions) - bool(report.scope) - bool(report.network)
+    if report.scope:
+        conditions.insert(0, PEERS_IN_SCOPE)
+    if report.network:
+        conditions.insert(0, facts.ROUTED_IF)
     if conditions or others:
         put_rows(page, "Holds if", [f"{'; '.join([*conditions, *_more(others)])} (-v)"])
     if report.checked.not_checked:

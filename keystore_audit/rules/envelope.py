@@ -44,7 +44,7 @@ def not_smime(use: SignedUse) -> Iterator[Violation]:
     "KA305",
     Severity.HIGH,
     "RFC 8551, 3.5.3; RFC 2046, 5.1; OpenSSL, crypto/asn1/asn_mime.c",
-    SIGN_AGAIN,
+    sign_again("Find out how it was damaged, or who changed it."),
     stops=True,
 )
 def malformed_smime(use: SignedUse) -> Iterator[Violation]:

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from msgspec import Struct
 
-from keystore_audit.findings import OF_PROPERTIES
+from keystore_audit.findings import OF_NETWORKS, OF_PROPERTIES
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import CrlFile, RevocationList
 from keystore_audit.keystore.document import Text
@@ -31,8 +31,8 @@ from keystore_audit.properties.result import UserResult
 from keystore_audit.rules import registry
 from keystore_audit.rules.subjects import instant_of, signed_bytes
 
-_ACROSS: Final = ("KA6", OF_PROPERTIES, "KA8")
-"""Families of rules whose answers rest on the whole keystore."""
+_ACROSS: Final = ("KA6", OF_PROPERTIES, OF_NETWORKS)
+"""Families of rules whose answers rest on the whole keystore; one also on the files of sessions and routers."""
 
 _LEFT_OUT: Final = {
     *("line", "lines", "default_line", "path", "sha256", "serial", "parsed", "signed_part"),
@@ -93,7 +93,9 @@ class Meanings:
     def of(self, rule: registry.Rule[Any], violation: registry.Violation) -> str:
         """The digest of what a finding is about."""
         if rule.family in _ACROSS:
-            return _digest([self._everything, *self._violating({*violation.properties, rule.name})])
+            network = self._context.network if rule.family == OF_NETWORKS else None
+            files = (each.file.sha256 for each in network.processes) if network is not None else ()
+            return _digest([self._everything, *files, *self._violating({*violation.properties, rule.name})])
         places = {place.path for place in (*violation.locations, *violation.against) if not place.beside}
         return _digest([self._anchors, *map(self._file, sorted(places))])
 

@@ -23,7 +23,7 @@ from keystore_audit.model.matching.expression import any_matches
 from keystore_audit.model.names import AMBIENT_TOPICS, Use, dds_channels
 from keystore_audit.profiles import Matcher, Release, facts
 from keystore_audit.rules.network_access import BY_HAND, NAMED, name_of
-from keystore_audit.rules.registry import Context, Violation, more_like, quoted, rule
+from keystore_audit.rules.registry import Context, Violation, listed, quoted, rule
 from keystore_audit.truth import Truth
 from keystore_audit.zenoh import flow
 from keystore_audit.zenoh.answers import SENDING, Reached, channels, rights_in
@@ -118,8 +118,10 @@ def _differing(
             places |= {each.location: None for each in differing if each.location is not None}
         doubtful = doubtful or (told_if is Truth.YES and any(each.truth.may for each in answers))
     if told:
-        who, what = told[0]
-        said = message.format(who=who, what=f"{what}{more_like(told)}")
+        who = told[0][0]
+        own = [what for path, what in told if path == who]
+        others = f" (and {len(told) - len(own)} more of other enclaves)" if len(told) > len(own) else ""
+        said = message.format(who=who, what=f"{listed(own)}{others}")
         key = "\n".join(sorted(f"{path} {right}" for path, right in told))
         yield Violation(said, [*places], key=key, sent=tuple(sent))
     elif len(asked) > MAX_RIGHTS:
@@ -130,11 +132,19 @@ def _differing(
         yield Violation(message, (), undecided=True, key="doubt")
 
 
+_FIND_OUT: Final = decision("Fix what other findings say of missing or unread files, and run the audit again.")
+
+
 @rule(
     "KA828",
     Severity.HIGH,
     f"{facts.ROUTED_PAGE}: what is asserted in keystore-audit.toml",
-    decision("Forbid it in one of the files named, or change the assertion.", NAMED, BY_HAND),
+    decision(
+        "Forbid it in one of the files named. If a router is on the way by right, name it in `through`, or decide "
+        "that it is trusted (`attacker`).",
+        NAMED,
+        BY_HAND,
+    ),
 )
 def asserted_property_violated_by_files(network: Network, context: Context) -> Iterator[Violation]:
     """A `no_flow` or `only_publish` that the settings assert does not hold by the files of sessions and routers.
@@ -165,7 +175,7 @@ def asserted_property_violated_by_files(network: Network, context: Context) -> I
             yield Violation(said, places, severity=claim.severity, key=claim.id, sent=sent)
         elif any(truth.may for truth, _hops in answers):
             said = f"It is unknown whether {quoted(claim.id)} holds by the files in {network.path}."
-            yield Violation(said, places, undecided=True, key=claim.id)
+            yield Violation(said, places, undecided=True, key=claim.id, remedy=_FIND_OUT)
 
 
 def _not_granted(network: Network, context: Context) -> Iterator[tuple[_Asked, Truth]]:

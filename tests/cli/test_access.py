@@ -239,7 +239,7 @@ def test_names_that_a_process_reads_in_its_locale_are_unknown(tmp_path: Path) ->
     """Whether `?` takes a character or an octet, Fast DDS and Cyclone DDS leave to others."""
     store = keystore(tmp_path / "k", {"/talker": (rule(("rt/?", "rt/\u00e9")),)})
     flat = " ".join(answer("access", store, "--at", AT)[1].split())
-    assert 'whether peers accept from /talker: publish "rt/é"; subscribe "rt/é"; relay "rt/é".' in flat
+    assert 'whether peers accept this from /talker: publish "rt/é"; subscribe "rt/é"; relay "rt/é".' in flat
     found = listed(json.loads(answer("access", store, "--at", AT, "-f", "json")[1]))
     rulings = {profile: found[profile, "/talker", "publish", "rt/\u00e9", ""] for profile in DEFAULT}
     assert {profile for profile, pair in rulings.items() if pair == ("unknown", "unknown")} == {*DEFAULT} - {"spec"}

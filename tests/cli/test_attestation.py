@@ -97,7 +97,7 @@ def test_a_property_never_passed_without_its_condition(keystore: Path) -> None:
     assert "nobody-writes-without-a-grant-if-nothing-else-certified-and-truthful-announcements" in passed
     assert not [each for each in passed if each.startswith("KA7")]
     narrow = statement(keystore, "--profile", "spec", kind="statement")["predicate"]["passedTests"]
-    assert narrow == ["pass-dds-security-1-1-if-nothing-else-certified"]
+    assert narrow == ["pass-the-text-of-dds-security-1-1-if-nothing-else-certified"]
 
 
 def test_it_says_with_which_arguments_launch_files_are_started(keystore: Path, tmp_path: Path) -> None:

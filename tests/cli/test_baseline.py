@@ -159,3 +159,22 @@ def test_the_profiles_of_an_audit_that_asked_few_are_the_limit(stock: Path, tmp_
     assert answer("baseline", "create", stock, "-o", file, *NATIVE, *WHY, "--profile", "spec")[0] == 0
     assert audited(stock, "--baseline", file, "--profile", "spec")[0] == 0
     assert audited(stock, "--baseline", file)[0] == 1, "accepted under one profile, found under others"
+
+
+def test_an_edit_of_session_files_ends_what_was_accepted_of_them_alone(tmp_path: Path) -> None:
+    """What was accepted of DDS does not rest on them."""
+    network = tmp_path / "network"
+    shutil.copytree(SAMPLES / "networks/turtlesim_generated", network)
+
+    def meanings() -> dict[str, set[str]]:
+        text = answer("audit", SAMPLES / "zenoh/turtlesim_generated", *NATIVE, "--zenoh", network, "-f", "json")[1]
+        found: dict[str, set[str]] = {}
+        for each in json.loads(text)["findings"]:
+            found.setdefault(each["code"], set()).add(each["meaning"])
+        return found
+
+    before = meanings()
+    edited = next(network.glob("**/*.json5"))
+    edited.write_text(f"// reviewed\n{edited.read_text()}")
+    changed = {code for code, each in meanings().items() if each != before[code]}
+    assert changed == {code for code in before if code.startswith("KA8")} != set()

@@ -82,7 +82,7 @@ def test_a_narrow_scope_is_said_in_the_first_lines() -> None:
     assert "scope" not in whole
     report = json.loads(answer(*asked, *narrow, "-f", "json")[1])
     assert report["scope"] == "Jazzy with Fast DDS 2.14"
-    assert report["weakened"] == ["--at 2026-11-23T00:00:00Z"]
+    assert report["weakened"] == ["--at 2026-11-23T00:00:00Z (dates are judged as of then)"]
     assert report["stated"] == ["Every robot in the domain runs what the scope names: Jazzy with Fast DDS 2.14."]
     assert json.loads(answer(*asked, "-f", "json")[1])["scope"] is None
     for form in ("markdown", "html", "sarif"):

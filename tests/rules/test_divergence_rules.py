@@ -29,7 +29,7 @@ JOINED = governance(domain_rule(enable_join_access_control=False))
 def test_midnight_at_24_is_no_date_to_fast_dds() -> None:
     (finding,) = spoken(talking(not_after=text("2090-01-01T24:00:00", 41)), "spec", "fastdds-3.6")
     assert (finding.code, finding.severity) == ("KA612", Severity.HIGH)
-    assert "starts under DDS-Security 1.1, and not under Fast DDS 3.6" in finding.message
+    assert "starts under the text of DDS-Security 1.1, and not under Fast DDS 3.6" in finding.message
 
 
 def test_what_other_rules_say_is_not_said_again() -> None:
@@ -112,7 +112,7 @@ def test_opendds_starts_nobody_with_the_governance_of_sros2() -> None:
     (finding,) = spoken(healthy(), "spec", "opendds")
     assert (finding.code, finding.severity, finding.profiles) == ("KA602", Severity.HIGH, ("opendds",))
     assert finding.locations[0].path == "enclaves/governance.p7s"
-    assert "/listener, /talker: start under DDS-Security 1.1, and not under OpenDDS" in finding.message
+    assert "/listener, /talker: start under the text of DDS-Security 1.1, and not under OpenDDS" in finding.message
     assert "weakens" in finding.fix.text
 
 

@@ -45,11 +45,17 @@ def denied(*partitions: str) -> Rule:
 @pytest.mark.parametrize(
     ("store", "way"),
     [
-        (talking(denied("secret"), ruled(subscribe=at("s*"), line=43)), "allowed in line 43 in one that is a pattern"),
-        (talking(denied("secret"), ruled(subscribe=at("?"))), "in one that is a pattern"),
-        (talking(denied("secret"), default_allow=True), "allowed by default in one that is a pattern"),
-        (talking(EVERYWHERE, ruled(publish=[(MAP, None)], subscribe=at("*"))), "is denied in the default partition"),
-        (talking(denied("secret"), ruled(subscribe=[(["rt/*"], ["*"])])), "is denied in partition 'secret'"),
+        (talking(denied("secret"), ruled(subscribe=at("s*"), line=43)), "allowed in line 43 in a partition pattern"),
+        (talking(denied("secret"), ruled(subscribe=at("?"))), "in a partition pattern"),
+        (talking(denied("secret"), default_allow=True), "allowed by default in a partition pattern"),
+        (
+            talking(EVERYWHERE, ruled(publish=[(MAP, None)], subscribe=at("*"))),
+            "Denied here is subscribe in the default partition.",
+        ),
+        (
+            talking(denied("secret"), ruled(subscribe=[(["rt/*"], ["*"])])),
+            "Denied here is subscribe in partition 'secret'.",
+        ),
         (talking(ruled(publish=at("lab?"))), "'lab*'"),
         (talking(ruled(publish=at("[!a]"))), "'*'"),
     ],
@@ -126,7 +132,9 @@ ALONE = ruled(publish=[(["rt/map", "rt/rosout"], ["robot1"])])
 def test_a_name_of_ros_that_is_allowed_in_partitions_alone_is_nobody_s(rules: Sequence[Rule], said: list[str]) -> None:
     """ROS 2 nodes are in the default partition: such a grant looks complete and gives them nothing."""
     found = [
-        each for each in judge(context(talking(*rules)), rules_of("anomaly_names")).findings if "in one" in each.message
+        each
+        for each in judge(context(talking(*rules)), rules_of("anomaly_names")).findings
+        if "use no partitions" in each.message
     ]
     assert [each.code for each in found] == ["KA625"] * len(said)
     for finding, words in zip(found, said, strict=True):

@@ -156,7 +156,8 @@ def test_without_discovery_no_node_is_made() -> None:
     (finding,) = lacking(store(allow(["rt/chatter"])))
     assert (finding.code, finding.severity) == ("KA636", Severity.MEDIUM)
     assert finding.message == (
-        "/talker may not publish ros_discovery_info, subscribe to ros_discovery_info: no ROS 2 node of it is made."
+        "/talker lacks the right to publish ros_discovery_info, subscribe to ros_discovery_info. "
+        "No ROS 2 node of it is made."
     )
     assert lacking(store(allow(["square"]))) == (), "no ROS 2 name at all"
     apart = ruled(publish=[(["rt/chatter", "ros_discovery_info"], ["robot1"])])
@@ -164,7 +165,7 @@ def test_without_discovery_no_node_is_made() -> None:
     assert lacking(store(allow(["rt/a", "ros_discovery_*"], ["ros_*"]), USUAL)) == ()
     denied = allow(["ros_*"], allows=False)
     (half,) = lacking(store(denied, allow(["rt/a", "ros_discovery_info"], ["ros_discovery_info"])))
-    assert half.message == "/talker may not publish ros_discovery_info: no ROS 2 node of it is made."
+    assert half.message == "/talker lacks the right to publish ros_discovery_info. No ROS 2 node of it is made."
     assert half.profiles == ()
 
 
@@ -204,7 +205,7 @@ def test_nodes_since_iron_describe_their_types() -> None:
     (finding,) = lacking(two(_node(), USUAL))
     assert (finding.code, finding.severity, finding.enclave) == ("KA636", Severity.MEDIUM, "/talker")
     assert finding.profiles == (), "no difference of implementations: columns of them stay together"
-    assert finding.message.startswith("/arm may not answer get_type_description: since Iron, nodes then fail to start ")
+    assert finding.message.startswith("/arm may not answer get_type_description. Since Iron, nodes then fail to start ")
     assert lacking(two(_node("get_type_description"), USUAL)) == ()
     assert lacking(two(_node(), USUAL), "fastdds-2.6", "cyclonedds-0.10") == (), "Cyclone DDS 0.10 is Humble's too"
     assert [each.profiles for each in lacking(two(_node(), USUAL), "fastdds-2.14")] == [()]

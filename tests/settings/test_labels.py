@@ -250,7 +250,7 @@ def test_single_writers(tmp_path: Path) -> None:
     (told,) = (each for each in report["findings"] if each["code"] == "KA740")
     assert (code, told["locations"][0]["line"]) == (1, 1)
     assert "'single-writer-motor-limit' is violated: /gateway may publish" in told["message"]
-    assert "Asserted: No more than one enclave may publish /motor_limit." in told["message"]
+    assert "The settings demand: No more than one enclave may publish /motor_limit." in told["message"]
     assert "Could pass for a permitted publisher: /motor, with the keys they hold" in told["message"]
 
 
