@@ -34,6 +34,9 @@ _CODE: Final = re.compile(r"^ *```.*?^ *```|\x08.*?(?:\n\s*\n|\Z)", re.DOTALL | 
 _LINK: Final = re.compile(r"!?\[([^\]]*)\]\([^)]*\)")
 _LITERAL: Final = re.compile(r"`[^`\n]+`|<!--.*?-->")
 _BLOCK: Final = re.compile(r"\n\s*\n|\n\s*(?:[-*] |\d+\. |#+ )|\|")
+_COMMENT: Final = re.compile(r"(?:^[ \t]*#(?!!).*\n)+", re.MULTILINE)
+_FILLED: Final = re.compile(r"\{([%{]).*?[%}]\}", re.DOTALL)
+_TAG: Final = re.compile(r"<[^>]*>")
 _END: Final = re.compile(r"(?<=[.!?])[)\"*]*\s+(?=[^a-z])")
 
 
@@ -58,14 +61,17 @@ def hard(text: str) -> Iterator[str]:
 
 
 def texts(part: str) -> Iterator[tuple[str, str]]:
-    """Yield place and text of what is read in docs, code (strings, docstrings, tables) or stories of samples."""
+    """Yield place and text of what is read in docs, code (strings, comments, tables, templates) or stories."""
     if part == "docs":
         for path in [*ROOT.glob("*.md"), *sorted(ROOT.glob("docs/*.md"))]:
             yield path.relative_to(ROOT).as_posix(), path.read_text("utf-8")
     elif part == "code":
         for path in sorted(ROOT.glob("keystore_audit/**/*.py")):
-            for line, text in _strings(ast.parse(path.read_text("utf-8"))):
+            source = path.read_text("utf-8")
+            for line, text in (*_strings(ast.parse(source)), *_comments(source)):
                 yield f"{path.relative_to(ROOT).as_posix()}:{line}", text
+        for path in sorted(ROOT.glob("keystore_audit/**/*.j2")):
+            yield path.relative_to(ROOT).as_posix(), _TAG.sub("\n\n", _FILLED.sub("X", path.read_text("utf-8")))
         table = ROOT / "keystore_audit" / "profiles" / "quirks.toml"
         for text in re.findall(r'"([^"\n]+ [^"\n]+)"', table.read_text("utf-8")):
             yield table.relative_to(ROOT).as_posix(), text
@@ -85,6 +91,12 @@ def _strings(node: ast.AST) -> Iterator[tuple[int, str]]:
         return
     for child in ast.iter_child_nodes(node):
         yield from _strings(child)
+
+
+def _comments(source: str) -> Iterator[tuple[int, str]]:
+    """Yield line and text of comments on lines of their own, those that follow each other as one."""
+    for found in _COMMENT.finditer(source):
+        yield source.count("\n", 0, found.start()) + 1, re.sub(r"(?m)^[ \t]*# ?", "", found[0])
 
 
 PARTS: Final = ("docs", "code", "samples")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # most audits are told no zone
     from zoneinfo import ZoneInfo
 
 
-# Local time as programs take it that ask the C library, and the zones that a user may name.
+# Local time as programs take it that ask the C library. Users may name zones.
 #
 # glibc's `mktime` is what every Linux robot has; it was measured on glibc 2.36 (tests/oracles/dates).
 

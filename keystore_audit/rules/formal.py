@@ -291,9 +291,8 @@ _decided(
     Severity.HIGH,
     "keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
     decision(
-        "Remove what one of the lines named allows (edit the .xml and sign it), or agree with its owner that the "
-        "assertion is wrong.",
-        "If `able` is asserted, grant what is missing.",
+        "Remove what one of the named lines allows, or agree with the owner that the assertion is wrong.",
+        "Documents are edited in the .xml, which is signed again. If `able` is asserted, grant what is missing.",
     ),
 )
 def asserted_property_violated(result: AssertedResult) -> Iterator[Violation]:

@@ -14,7 +14,7 @@ from tests.schemas import schema
 
 CLAIMS = ("--settings", str(SAMPLES / "settings/vehicle.toml"))
 HALVES = ("flows/vehicle_gateway_reads", "flows/vehicle_gateway_writes")
-HONEST = "infotainment-reaches-motor-over-no-honest-node"
+HONEST = "infotainment-never-reaches-motor-by-rights-alone"
 MOVED = ("flows/vehicle_healthy", "flows/vehicle_moved")
 
 

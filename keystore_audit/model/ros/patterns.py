@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
 # The topics and services that every ROS 2 node uses, and which of them an enclave may not use.
 #
-# Asked of the grant alone, in the default partition and in whatever domain, as the specification has it.
-# ros_discovery_info is also asked of each implementation with the governance, since no node is made without it. What
+# Asked of the grant alone, in the default partition and in whatever domain, as the specification has it. Each
+# implementation is asked with the governance about ros_discovery_info, since no node is made without it. What
 # nodes use is in `ros2/sros2`, policy/common/node.xml. sros2 itself adds ros_discovery_info; nobody adds
 # `get_type_description`. Since Iron rclcpp and rclpy serve it (`NodeTypeDescriptions`), and drop a node that cannot.
 
