@@ -108,6 +108,15 @@ def test_whatever_says_0_without_a_report_ships_nothing(workspace: Workspace) ->
     assert not (workspace.folder / "release").exists()
 
 
+def test_what_fails_on_the_way_ships_nothing(workspace: Workspace) -> None:
+    workspace.take("healthy/turtlesim")
+    assert workspace.run("gate.sh", STEP_SUMMARY=str(workspace.folder)).returncode != 0
+    assert not (workspace.folder / "release").exists()
+    shutil.rmtree(workspace.folder / "keys" / "public")
+    assert workspace.run("gate.sh").returncode != 0
+    assert not (workspace.folder / "release").exists()
+
+
 def test_a_good_release_passes_and_its_attestation_speaks_of_these_very_files(workspace: Workspace) -> None:
     keys = workspace.folder / "keys"  # of its own: a sample's are published, and no good on a robot
     write(healthy(secrets.token_hex(8), TURTLESIM, private_keys=True).tree(), keys)

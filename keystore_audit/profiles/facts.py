@@ -91,7 +91,7 @@ ROUTED_STATED: Final = (
     "process but an attacker's starts with its file in {}, and that no other takes part."
 )
 ROUTED_SCOPE: Final = "rmw_zenoh with the files in {}"
-ROUTED_IF: Final = "every process starts with its Zenoh file, and no other takes part"
+ROUTED_IF: Final = "every process but an attacker's starts with its Zenoh file, and no other takes part"
 ROUTED_BY_FILES: Final = "the Zenoh files alone"
 ROUTED_STOLEN: Final = "In Zenoh, a router's key can open more: `keystore-audit flow --from-compromised`."
 ROUTED_ENFORCES_NONE: Final = "in DDS; rmw_zenoh enforces none of them"

@@ -221,7 +221,10 @@ _PEERS: Final[tuple[tuple[Callable[[Rights], tuple[int, int]], str], ...]] = (
         "If compromised, {} can do this too, and peers do not stop it",
     ),
     (lambda right: (right.disputed, right.taken.may), "It is unknown whether peers accept this from {}"),
-    (lambda right: (right.allowed & ~right.taken.may, 0), "Allowed, but accepted by no peer, from {}"),
+    (
+        lambda right: (right.allowed & ~right.taken.may, 0),
+        "Allowed by its own implementation, and refused by every peer, of {}",
+    ),
 )
 """Where peers and the enclave's own implementation do not agree: names; and with which others these may be all."""
 

@@ -28,8 +28,17 @@ from keystore_audit.profiles import facts, implementations
 from keystore_audit.properties.result import Status
 from keystore_audit.report.access_words import SHORT, full_name
 from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict, none_here
-from keystore_audit.report.html_tables import Sheet, access, certificates, differing, profiles, rankings, routed
-from keystore_audit.report.page import by_answer, worst_first
+from keystore_audit.report.html_tables import (
+    Sheet,
+    access,
+    certificates,
+    differing,
+    profiles,
+    properties,
+    rankings,
+    routed,
+)
+from keystore_audit.report.page import by_answer
 from keystore_audit.report.pictures import flows, timeline
 from keystore_audit.report.system_picture import system
 from keystore_audit.report.templated import TEMPLATES, environment, ours
@@ -40,7 +49,6 @@ from keystore_audit.report.view_model import (
     declaring,
     engine,
     nodes_beside,
-    properties_of,
     starting,
     until,
     warnings,
@@ -48,8 +56,9 @@ from keystore_audit.report.view_model import (
 from keystore_audit.text import counted, html, instant, shorten, some
 
 MAX_LINES: Final = 18
+LINES_OF_WARNINGS: Final = 4
 MAX_LIGHT: Final = 3
-"""Lines of causes on the first screen, and causes of low severity where there are no others."""
+"""Lines of causes on the first screen, how many a warning takes, and causes of low severity if there are no others."""
 
 IN_LINE: Final = 56
 """Characters of such a line."""
@@ -186,7 +195,7 @@ def _sections(sheet: Sheet) -> Iterator[_Section]:
     of = " in DDS" if report.network else ""
     counting = sum(finding.suppressed is None for finding in sheet.shown)
     yield _Section(key="findings", title="Findings", badge=str(counting), view=_findings(sheet))
-    yield _Section(key="properties", title=f"Properties{of}", badge=_statuses(report), view=_properties(report))
+    yield _Section(key="properties", title=f"Properties{of}", badge=_statuses(report), view=properties(report))
     if report.network:
         yield _Section(key="routed", title=facts.ROUTED_TITLE, view=routed(report))
     if overview is not None:
@@ -221,14 +230,16 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
     report, overview = sheet.report, sheet.report.overview
     causes = sheet.consequences.causes
     weighing = [each for each in causes if each.decides(report.fail_on) or each.severity.at_least(Severity.MEDIUM)]
-    lines = accumulate(map(_lines, weighing))
+    warned = [*warnings(report, versions=True)]
+    lines = [*accumulate(map(_lines, weighing), initial=LINES_OF_WARNINGS * bool(warned))][1:]
     shown = [each for each, end in zip(weighing, lines, strict=True) if end <= MAX_LINES or each is weighing[0]]
     shown = shown or [*causes[:MAX_LIGHT]]
     return {
         "first": _first(sheet, shown),
         "scope": _subject(sheet),
         "rests": _assumes(report),
-        "warnings": [*warnings(report, versions=True)],
+        "assumed": len(assumed(report)),
+        "warnings": warned,
         "title": f"{counted(len(causes), 'cause')} behind {counted(sum(report.summary.values()), 'finding')}",
         "causes": shown,
         "more": f"{len(causes) - len(shown)} more under Findings." if len(causes) > len(shown) else "",
@@ -242,7 +253,7 @@ def _subject(sheet: Sheet) -> str:
     scope = report.scope or implementations(sheet.profiles)
     if report.network:
         scope = f"{facts.ROUTED_SCOPE.format(shorten(report.network, MAX_TITLE))}; for DDS apart from it"
-    return f"Judged for {scope}, as of {instant(report.at)}."
+    return f"Judged for {scope}, as of {report.at:%Y-%m-%d}."
 
 
 def _lines(cause: Cause) -> int:
@@ -268,7 +279,9 @@ def _first(sheet: Sheet, causes: Sequence[Cause]) -> str:
             only = f" On {implementations(concerned)} only." if len(concerned) < len(sheet.profiles) else ""
             asserted = f" The settings forbid it: {', '.join(finding.properties)}." if finding.properties else ""
             way = said.split(" -> ")
-            reaches = f"Data of {way[0]} can reach {way[-1].partition(' ')[0]}: " if len(way) > 1 else ""
+            far = ", if nodes on the way pass it on" if len(way) > 3 else ""
+            example = "For example, " if sheet.consequences.is_example(finding) else ""
+            reaches = f"Data of {way[0]} can reach {way[-1].partition(' ')[0]}{far}: " if len(way) > 1 else example
             return f"{reaches}{said}{only}{asserted}"
     return failing[0].message
 
@@ -366,27 +379,6 @@ def _rule(rank: int, found: Sequence[Finding], *, first: bool) -> Mapping[str, A
         "advice": dict.fromkeys(
             (each.clause, each.fix.text if len(found) == 1 else each.fix.general) for each in shown
         ),
-    }
-
-
-def _properties(report: Report) -> Mapping[str, Any]:
-    """Those that do not hold with their counterexamples, the worst first, and those that do."""
-    worst = {each: finding for finding in reversed(report.findings) for each in properties_of(finding)}
-    ranks = {each: finding.severity.rank for each, finding in worst.items()}
-    failed = sorted(report.properties, key=lambda each: (STATUSES.index(each.status), ranks.get(each.prop.id, 0)))
-    engines = (engine for each in report.holding for answer in each.profiles.values() for engine in answer.engines)
-    return {
-        "failed": [
-            (
-                result,
-                worst_first(result.profiles, lambda each: (frozenset(each.engines.items()), each.counterexample)),
-                worst.get(result.prop.id),
-            )
-            for result in failed
-            if result.status is not Status.HOLDS
-        ],
-        "holding": report.holding,
-        "deciding": " and ".join(dict.fromkeys(engines)),
     }
 
 

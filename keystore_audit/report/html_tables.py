@@ -22,6 +22,7 @@ from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_b
 from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.model.tables.overview import Issuance, IssuedCertificate, Overview
 from keystore_audit.profiles import implementations
+from keystore_audit.properties.result import Status
 from keystore_audit.report.access_words import (
     SHORT,
     differences,
@@ -32,9 +33,9 @@ from keystore_audit.report.access_words import (
     rights,
     worth_showing,
 )
-from keystore_audit.report.content import Report
-from keystore_audit.report.page import by_answer
-from keystore_audit.report.view_model import Consequences
+from keystore_audit.report.content import STATUSES, Report
+from keystore_audit.report.page import by_answer, worst_first
+from keystore_audit.report.view_model import Consequences, properties_of
 from keystore_audit.text import counted
 from keystore_audit.truth import Truth, any_of
 from keystore_audit.zenoh.answers import RoutedAnswer, RoutedTable
@@ -93,6 +94,27 @@ class Sheet:
         if not names or len(judged) == len(self.profiles):
             return ""
         return f"on {implementations(judged)}" if judged else f"on {implementations(names)}: not judged here"
+
+
+def properties(report: Report) -> Mapping[str, Any]:
+    """Those that do not hold with their counterexamples, the worst first, and those that do."""
+    worst = {each: finding for finding in reversed(report.findings) for each in properties_of(finding)}
+    ranks = {each: finding.severity.rank for each, finding in worst.items()}
+    failed = sorted(report.properties, key=lambda each: (STATUSES.index(each.status), ranks.get(each.prop.id, 0)))
+    engines = (engine for each in report.holding for answer in each.profiles.values() for engine in answer.engines)
+    return {
+        "failed": [
+            (
+                result,
+                worst_first(result.profiles, lambda each: (frozenset(each.engines.items()), each.counterexample)),
+                worst.get(result.prop.id),
+            )
+            for result in failed
+            if result.status is not Status.HOLDS
+        ],
+        "holding": report.holding,
+        "deciding": " and ".join(dict.fromkeys(engines)),
+    }
 
 
 def access(sheet: Sheet, overview: Overview) -> Mapping[str, Any]:

@@ -321,7 +321,7 @@ class _Script:
     def _tell(self, name: str, public: str) -> None:
         """The line of the settings that declares the authority, which is another one now."""
         self._told.append(
-            "printf '%s\\n' 'Where settings declare authorities, they need this one:' '[authorities]' "
+            "printf '%s\\n' 'In [authorities] of the settings, replace the line of this role and keep the other:' "
             f'"{name} = [\\"sha256:$(openssl x509 -in {self._word(public)} -outform DER | openssl dgst -sha256 -r | '
             'cut -c 1-64)\\"]"'
         )

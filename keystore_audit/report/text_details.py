@@ -176,7 +176,7 @@ def _radius(one: Ranked) -> str:
 
 def _outcomes(page: Page, outcomes: Outcomes) -> None:
     """How often each rule passed, failed, did not apply or stayed open, and what stayed open: equal ones together."""
-    _title(page, "Outcomes")
+    _title(page, "Outcomes: of how many subjects, of which rules")
     equal: dict[str, list[str]] = {}
     for rule, each in sorted(grouped(outcomes, lambda outcome: outcome.rule).items()):
         counts = Counter(outcome.outcome for outcome in each)

@@ -179,6 +179,9 @@ def warnings(report: Report, *, versions: bool = False) -> Iterator[str]:
         yield "No engine has answered: no property was decided."
     if report.engines_agree is False:
         yield "The engines disagree: wherever they do, the answer is unknown."
+    undeclared = [each.role for each in report.authorities if not each.declared]
+    if len(undeclared) == 1:
+        yield f"The {undeclared[0]} CA is not declared, but the other one is. Whichever stands in its file is trusted."
     for reason in report.weakened:
         yield sentence(f"Weakened gate: {reason}")
 

@@ -92,8 +92,8 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
 
 _NAMES: Final = {Role.IDENTITY_CA: "identity CA", Role.PERMISSIONS_CA: "permissions CA"}
 _POWERS: Final = {
-    Role.IDENTITY_CA: "Whoever has its key can issue identities that peers accept",
-    Role.PERMISSIONS_CA: "Whoever has its key can sign permissions that peers accept",
+    Role.IDENTITY_CA: "Peers that trust it accept every identity that its key issues",
+    Role.PERMISSIONS_CA: "Peers that trust it accept all permissions that its key signs",
 }
 
 
@@ -151,7 +151,7 @@ def _unexpected(anchors: Anchors, group: _Files) -> Violation:
     return Violation(
         f"The {_NAMES[anchors.role]} file {first.file.place}{of} holds {held}{' too' if beside else ''}, {wanted}. "
         f"{_POWERS[anchors.role]}.",
-        [located(each, f"certificate sha256:{each.sha256}, its key sha256:{each.key}") for each in foreign],
+        [located(each, f"certificate, SHA-256: {each.sha256}, its key: {each.key}") for each in foreign],
         enclave=sole(enclaves),
         key=_trusting([(anchors.role.value, (each.key for each in foreign), enclaves)]),
     )

@@ -174,7 +174,8 @@ def _without_a_domain(context: Context) -> Iterator[str]:
     Severity.MEDIUM,
     f"DDS-Security 1.1, 9.4.1.3 (domains of a rule); {MEASURED}",
     in_permissions(
-        "Let every rule name all governed domains, or let the governance cover only the domains of the rules"
+        "Let the governance cover only the domains of the rules, or every rule name all of them (which can open "
+        "bridges, KA731)"
     ),
 )
 def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:

@@ -61,7 +61,7 @@ def right_beyond_permissions(network: Network, context: Context) -> Iterator[Vio
             yield answer.works
 
     whose = "the policy does" if context.drift is not None else "its permissions do"
-    message = f"{{who}} can {{what}}: {facts.ROUTED_NAMED} allow it, {whose} not."
+    message = f"{{who}} can {{what}}: {facts.ROUTED_NAMED} of others accept it, but {whose} not grant it."
     yield from _differing(network, context, _not_granted(network, context), reaching, Truth.YES, message)
 
 

@@ -312,9 +312,9 @@ def private_key_encrypted(enclave: Enclave) -> Iterator[Violation]:
 
 
 _ANEW: Final = decision(
-    "Replace every such key, with a random generator that you trust, and let nothing accept the old one. For an "
-    "enclave, delete cert.pem and key.pem and run `keystore-audit explain KA101 --for KEYSTORE`. For an "
-    "authority, issue and sign again all that it issued and signed."
+    "Replace every such key, with a random generator that you trust, and let nothing accept the old one. Authorities "
+    "come first: issue and sign again all that they issued and signed. For an enclave, delete cert.pem and key.pem, "
+    "and use the script of `keystore-audit explain KA101 --for KEYSTORE`."
 )
 
 

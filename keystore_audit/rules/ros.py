@@ -242,7 +242,7 @@ def _severity(found: ActionPattern) -> Severity | None:
     Severity.MEDIUM,
     "ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made; "
     "ros2/rclcpp, node_type_descriptions.cpp (read)",
-    in_permissions("Allow what sros2's common/node.xml has, and get_type_description, or start nodes that do without"),
+    in_permissions("Allow what sros2's common/node.xml has, and get_type_description, or switch these off in nodes"),
 )
 def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events, services.
@@ -260,7 +260,7 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
     for found in ros.unusual:
         parameters = ("answer for the parameters of any node",) if found.silent else ()
         lacks = listed((*(f"{VERBS[operation]} {_name(topic)}" for operation, topic in found.lacks), *parameters))
-        follows = "Nodes fail unless they are started without" if found.starts else "No ROS 2 node of it is made"
+        follows = "Nodes fail unless these are switched off" if found.starts else "No ROS 2 node of it is made"
         yield Violation(
             f"{found.enclave} lacks the right to {lacks}. {follows}.",
             (found.location,),
@@ -270,9 +270,10 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
         )
     if ros.undescribed:
         nodes = {f"{each.enclave} {node}": node for each in ros.undescribed for node in each.nodes}
+        lack = "lacks" if len(nodes) == 1 else "lack"
         yield Violation(
-            f"{listed(nodes.values())} may not answer {TYPE_DESCRIPTION}. Since Iron, nodes then fail to start unless "
-            "start_type_description_service is false.",
+            f"{listed(nodes.values())} {lack} the right to answer {TYPE_DESCRIPTION}. Since Iron, nodes then fail to "
+            "start unless start_type_description_service is false.",
             [each.location for each in ros.undescribed],
             enclave=ros.undescribed[0].enclave if len(ros.undescribed) == 1 else None,
             key="\n".join(nodes),

@@ -60,6 +60,14 @@ def test_settings_and_options_declare_the_same(keystore_audit: Run, settings: Pa
             assert f'"declared": ["sha256:{KEYS["identity"]}"]' in told
 
 
+def test_one_role_that_is_not_declared_is_a_warning(keystore_audit: Run) -> None:
+    """A half-declared gate lets a stranger be the other authority, and says so first, quiet or not."""
+    said = "WARNING  The permissions CA is not declared, but the other one is."
+    for given, warned in ((EXPECTED[:2], True), (EXPECTED, False), ([], False)):
+        done = keystore_audit("audit", "--engine", "native", "--at", AT, "-q", GOOD, *given)
+        assert (said in done.stdout.decode()) is warned, given
+
+
 def test_an_option_goes_before_what_settings_say_of_its_role(keystore_audit: Run, settings: Path) -> None:
     other = f"sha256:{KEYS['permissions']}"
     code, report = audited(keystore_audit, GOOD, "--settings", settings, "--expect-identity-ca", other)

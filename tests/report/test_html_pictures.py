@@ -144,7 +144,7 @@ class TestSystem:
     @pytest.mark.parametrize(
         ("sample", "options", "said", "lasts"),
         [
-            ("flows/vehicle_governance_flag", (), "/gateway can publish /motor_limit (topic)", False),
+            ("flows/vehicle_governance_flag", (), "For example, /gateway can publish /motor_limit (topic)", False),
             ("flows/vehicle_healthy", (), "Nothing was found that fails this gate.", True),
             (
                 "flows/turtlesim_random_moves_turtle",

@@ -59,7 +59,7 @@ def told(keys: Path, network: Path, code: str = "KA822", **more: Any) -> list[st
     return [each.message for each in report.findings if each.code == code]
 
 
-BY_FILES = ": the Zenoh files allow it, its permissions do not."
+BY_FILES = ": the Zenoh files of others accept it, but its permissions do not grant it."
 BEYOND = f"/talker can publish /chatter{BY_FILES}"
 
 
@@ -127,8 +127,14 @@ def test_a_name_of_permissions_that_a_pattern_of_a_rule_lets_in(tmp_path: Path) 
     ("talker", "expected"),
     [
         ("publish|ALLOW", []),
-        ("publish|DENY", ["/talker can publish /chatter: the Zenoh files allow it, the policy does not."]),
-        ("subscribe|ALLOW", ["/talker can publish /chatter: the Zenoh files allow it, the policy does not."]),
+        (
+            "publish|DENY",
+            ["/talker can publish /chatter: the Zenoh files of others accept it, but the policy does not grant it."],
+        ),
+        (
+            "subscribe|ALLOW",
+            ["/talker can publish /chatter: the Zenoh files of others accept it, but the policy does not grant it."],
+        ),
     ],
 )
 def test_beyond_the_policy(talker: str, expected: list[str], tmp_path: Path) -> None:

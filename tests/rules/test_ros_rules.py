@@ -205,7 +205,9 @@ def test_nodes_since_iron_describe_their_types() -> None:
     (finding,) = lacking(two(_node(), USUAL))
     assert (finding.code, finding.severity, finding.enclave) == ("KA636", Severity.MEDIUM, "/talker")
     assert finding.profiles == (), "no difference of implementations: columns of them stay together"
-    assert finding.message.startswith("/arm may not answer get_type_description. Since Iron, nodes then fail to start ")
+    assert finding.message.startswith(
+        "/arm lacks the right to answer get_type_description. Since Iron, nodes then fail to start "
+    )
     assert lacking(two(_node("get_type_description"), USUAL)) == ()
     assert lacking(two(_node(), USUAL), "fastdds-2.6", "cyclonedds-0.10") == (), "Cyclone DDS 0.10 is Humble's too"
     assert [each.profiles for each in lacking(two(_node(), USUAL), "fastdds-2.14")] == [()]
