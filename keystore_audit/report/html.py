@@ -231,7 +231,7 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
     causes = sheet.consequences.causes
     weighing = [each for each in causes if each.decides(report.fail_on) or each.severity.at_least(Severity.MEDIUM)]
     warned = [*warnings(report, versions=True)]
-    lines = [*accumulate(map(_lines, weighing), initial=LINES_OF_WARNINGS * bool(warned))][1:]
+    lines = [*accumulate((_lines(sheet, each) for each in weighing), initial=LINES_OF_WARNINGS * bool(warned))][1:]
     shown = [each for each, end in zip(weighing, lines, strict=True) if end <= MAX_LINES or each is weighing[0]]
     shown = shown or [*causes[:MAX_LIGHT]]
     return {
@@ -256,9 +256,11 @@ def _subject(sheet: Sheet) -> str:
     return f"Judged for {scope}, as of {report.at:%Y-%m-%d}."
 
 
-def _lines(cause: Cause) -> int:
+def _lines(sheet: Sheet, cause: Cause) -> int:
     """How many a cause takes."""
-    return sum(-(-len(text) // IN_LINE) for text in (cause.finding.message[:MAX_SAID], cause.finding.fix.short)) + 1
+    finding = cause.finding
+    texts = (f"{finding.message[:MAX_SAID]} {sheet.under(finding.profiles)}", finding.fix.short)
+    return sum(-(-len(text) // IN_LINE) for text in texts) + 1
 
 
 def _first(sheet: Sheet, causes: Sequence[Cause]) -> str:

@@ -32,8 +32,8 @@ def default_allow(use: PermissionsUse, context: Context) -> Iterator[Violation]:
         if grant.default_allow:
             denying = implementations(each for each in context.profiles if not each.access.honours_default)
             message = (
-                f"<default> is ALLOW, expected DENY: {quoted(grant.subject_name.text)} may do whatever no rule denies"
-                f"{f' (denied all the same by {denying})' if denying else ''}."
+                f"{quoted(grant.subject_name.text)} may publish, subscribe and relay whatever no rule denies"
+                f"{f' (denied all the same by {denying})' if denying else ''}: <default> is ALLOW, expected DENY."
             )
             line = grant.default_line if grant.default_line is not None else grant.line
             honouring = tuple(name for name, profile in VARIANTS.items() if profile.access.honours_default)

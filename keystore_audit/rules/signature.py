@@ -223,8 +223,8 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
         who = f"the identity of {holder.path}" if holder is not None else "a certificate that the permissions CA issued"
         yield _violation(
             use,
-            f"{use.signed.file.place} is signed by {who}, {quoted(signer.subject)}, and {_consequence(use, context)}; "
-            f"{_expected(use)}.",
+            f"{use.signed.file.place} is signed by {who}, {quoted(signer.subject)}: it gave out rights, or somebody "
+            f"has its key. The document is {_consequence(use, context)}; {_expected(use)}.",
             signer,
             signer.key,
             explains=_explained(use, context),

@@ -56,12 +56,12 @@ def test_a_report_of_each_and_a_summary_of_all(fleet: Path, tmp_path: Path) -> N
     for row in document["keystores"]:
         report = json.loads((tmp_path / "out" / row["report"]).read_text())
         assert (report["keystore"]["digest"], report["verdict"]) == (row["digest"], row["verdict"])
-        assert report["weakened"] == row["weakened"] == [f"--at {AT}"]
+        assert report["weakened"] == row["weakened"] == [f"--at {AT} (dates are judged as of then)"]
         assert "KA666" in {finding["code"] for finding in report["findings"]}
         assert (tmp_path / "out" / row["report"]).with_name("report.md").exists()
     assert page.splitlines()[-1] == "12 keystores: 0 incomplete, 12 fail, 0 pass; exit code 1"
     assert "and 7 more" in " ".join(page.split())  # where lines end hangs on how long the paths are
-    assert f"Weakened gate: --at {AT}.\n" in page
+    assert f"Weakened gate: --at {AT} (dates are judged as of then)." in " ".join(page.split())
 
 
 def test_the_page_says_of_how_many_keystores_the_gate_was_weakened() -> None:

@@ -118,7 +118,7 @@ def test_who_takes_what_an_identity_signed_for_itself() -> None:
     assert beyond == f"beyond the scope accepted by {outside}"
     (pinned,) = findings("KA302", judged(self_signed(healthy()), profiles=tuple(pinning)))
     assert "serial number" in pinned.message
-    refused = f"and refused by {implementations(pinning)}"
+    refused = f"is refused by {implementations(pinning)}"
     assert f"{refused}; beyond the scope accepted by {implementations(UNPINNED)}; expected" in pinned.message
     assert codes(self_signed(healthy())) == ["KA222", "KA302"]
 
