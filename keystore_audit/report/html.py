@@ -24,7 +24,7 @@ from msgspec import Struct
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.profiles import facts, implementations
+from keystore_audit.profiles import facts, implementations, shipped_by
 from keystore_audit.properties.result import Status
 from keystore_audit.report.access_words import SHORT, full_name
 from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict, none_here
@@ -250,7 +250,7 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
 def _subject(sheet: Sheet) -> str:
     """What is judged, for which implementations, as of when."""
     report = sheet.report
-    scope = report.scope or implementations(sheet.profiles)
+    scope = report.scope or f"all that {shipped_by(sheet.profiles) or 'distributions'} ship"
     if report.network:
         scope = f"{facts.ROUTED_SCOPE.format(shorten(report.network, MAX_TITLE))}; for DDS apart from it"
     return f"Judged for {scope}, as of {report.at:%Y-%m-%d}."

@@ -8,9 +8,9 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.matching.coverage import TOPICS, allows_everything, covering
 from keystore_audit.model.matching.expression import WILDCARDS, has_wildcard, parse
-from keystore_audit.profiles import VARIANTS, Matcher, implementations
+from keystore_audit.profiles import VARIANTS, Matcher
 from keystore_audit.rules.permissions import about
-from keystore_audit.rules.registry import Context, Violation, either, listed, quoted, rule
+from keystore_audit.rules.registry import Violation, either, listed, quoted, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 
@@ -22,7 +22,7 @@ from keystore_audit.rules.subjects import PermissionsUse, speaks
     in_permissions("Write <default>DENY</default>, and allow what is needed"),
     applies=speaks,
 )
-def default_allow(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+def default_allow(use: PermissionsUse) -> Iterator[Violation]:
     """The grant allows everything that none of its rules names, in every domain.
 
     Cyclone DDS and OpenDDS obey <default>. Fast DDS reads the element and never uses it, so it denies such names
@@ -30,10 +30,9 @@ def default_allow(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """
     for grant in use.document.grants:
         if grant.default_allow:
-            denying = implementations(each for each in context.profiles if not each.access.honours_default)
             message = (
-                f"{quoted(grant.subject_name.text)} may publish, subscribe and relay whatever no rule denies"
-                f"{f' (denied all the same by {denying})' if denying else ''}: <default> is ALLOW, expected DENY."
+                f"{quoted(grant.subject_name.text)} may publish, subscribe and relay whatever no rule denies: "
+                "<default> is ALLOW, expected DENY."
             )
             line = grant.default_line if grant.default_line is not None else grant.line
             honouring = tuple(name for name, profile in VARIANTS.items() if profile.access.honours_default)
