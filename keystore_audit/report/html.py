@@ -55,8 +55,8 @@ from keystore_audit.report.view_model import (
 )
 from keystore_audit.text import counted, html, instant, shorten, some
 
-MAX_LINES: Final = 18
-LINES_OF_WARNINGS: Final = 4
+MAX_LINES: Final = 21
+LINES_OF_WARNINGS: Final = 5
 MAX_LIGHT: Final = 3
 """Lines of causes on the first screen, how many a warning takes, and causes of low severity if there are no others."""
 
