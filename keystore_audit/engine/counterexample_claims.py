@@ -118,7 +118,8 @@ def _somebody(case: Case, claim: ClaimAtom) -> Told:
     if Role.ENCLAVE in case.witness:
         enclave, who = case.witness[Role.ENCLAVE], case.enclave.label
         if publishing:
-            return f"{who} {does} too", case.right_steps(enclave, operation) or case.governance_steps()
+            why, steps = way(case, enclave, operation, alone=False)
+            return f"{who} can publish {case.topic} too: {why}" if why else f"{who} {does} too", steps
         why, steps, able = case.kinds(), case.governance_steps(), case.view.abilities(enclave)
         if (able.may_read | ~able.overhears) >> case.number & 1:
             why, steps = way(case, enclave, operation, alone=False)

@@ -313,7 +313,7 @@ class AssertedResult(UserResult, frozen=True, kw_only=True):
         told = [f"{some(named, MAX_FORGERS)}, with the keys they hold"] if named else []
         if self.forgers and ANYBODY in self.forgers:
             told.append(f"{ANYBODY}, without any key")
-        return f"Could pass for a permitted publisher: {'; '.join(told)}." if told else ""
+        return f"These could pose as a permitted publisher: {'; '.join(told)}." if told else ""
 
 
 FallResult = tuple[tuple[str, ...], AssertedResult]

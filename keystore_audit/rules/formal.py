@@ -258,8 +258,8 @@ _decided(
     either, and the enclave that forges must not read the topic.
     """,
     in_governance(
-        "Set the topic's metadata_protection_kind to SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION if readers must not "
-        "pass for the writer"
+        "Set the topic's metadata_protection_kind to ENCRYPT_WITH_ORIGIN_AUTHENTICATION, or to the same with SIGN, if "
+        "readers must not pass for the writer"
     ),
 )
 _decided(

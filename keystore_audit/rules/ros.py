@@ -258,7 +258,7 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
     if ros is None:
         return
     for found in ros.unusual:
-        parameters = ("answer for the parameters of any node",) if found.silent else ()
+        parameters = ("answer parameter requests for its nodes",) if found.silent else ()
         lacks = listed((*(f"{VERBS[operation]} {_name(topic)}" for operation, topic in found.lacks), *parameters))
         follows = "Nodes fail unless these are switched off" if found.starts else "No ROS 2 node of it is made"
         yield Violation(

@@ -309,4 +309,4 @@ def test_who_could_forge_is_said_where_the_property_holds(tmp_path: Path, form: 
     assert found(root)["only-talker"]["forgers"] == ["/listener"]
     words = ("--engine", "native", "--at", AT, *PROFILE, "--settings", tmp_path / "keystore-audit.toml", "-f", form)
     text = " ".join(answer("audit", root, *words, *(["-v"] if form == "text" else []))[1].replace("\\", "").split())
-    assert text.count("Could pass for a permitted publisher: /listener, with the keys they hold.") == 2
+    assert text.count("These could pose as a permitted publisher: /listener, with the keys they hold.") == 2

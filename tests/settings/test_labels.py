@@ -251,7 +251,7 @@ def test_single_writers(tmp_path: Path) -> None:
     assert (code, told["locations"][0]["line"]) == (1, 1)
     assert "'single-writer-motor-limit' is violated: /gateway may publish" in told["message"]
     assert "The settings demand: No more than one enclave may publish /motor_limit." in told["message"]
-    assert "Could pass for a permitted publisher: /motor, with the keys they hold" in told["message"]
+    assert "These could pose as a permitted publisher: /motor, with the keys they hold" in told["message"]
 
 
 def test_a_single_writer_beside_an_enclave_that_cannot_be_read(tmp_path: Path) -> None:

@@ -352,12 +352,16 @@ class _Walk:
         return attacks, (*legs, Leg(self._name(sender), self._one(channels), self._name(node)))
 
     def _hop(self, sender: int, node: int) -> tuple[int, int] | None:
-        """Whether it takes an attack to hand a sample over, and on which channels; None: it is impossible."""
+        """Whether it takes an attack to hand a sample over, and on which channels; None: it is impossible.
+
+        Of those, where the sender alone attacks, if there are such.
+        """
         if sender != node:
-            for attack, lanes in enumerate((self._flows.rightful(own=self._search.own), self._lanes)):
+            rightful = self._flows.rightful(own=self._search.own)
+            for attack, lanes in enumerate((rightful, self._lanes)):
                 common = union(lane.puts[sender] & lane.gets[node] for lane in lanes) & ~self._left_out
                 if common:
-                    return attack, common
+                    return attack, common & union(lane.gets[node] for lane in rightful) or common
         return None
 
     def _one(self, channels: int) -> int:
