@@ -164,6 +164,7 @@ def flows(overview: Overview, enclaves: int) -> Mapping[str, Any]:
     return {
         "domain": table.domain,
         "unread": unread(table),
+        "profiles": table.groups[-1].profiles,
         "ambient": ", ".join(sorted({label(table, number) for number in members(overview.ambient)})),
         "spaces": [(space, [picture(table, each) for each in several]) for space, several in spaces.items()],
         "left_out": max(enclaves - len(shown), 0),

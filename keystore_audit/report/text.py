@@ -13,7 +13,7 @@ from typing import Final
 from keystore_audit.assumptions import CONDITIONS
 from keystore_audit.findings import OF_NETWORKS, Finding, Result, Severity
 from keystore_audit.profiles import facts, implementations, shipped_by
-from keystore_audit.properties.result import Status
+from keystore_audit.properties.result import AssertedResult, Status
 from keystore_audit.report.causes_text import (
     MAX_NAMED,
     put_accepted,
@@ -134,6 +134,7 @@ def _verdict(page: Page, report: Report, causes: Sequence[Cause]) -> None:
         page.labelled("WARNING", warning, column=9, style=_WARNING_STYLE)
 
 
+_BY_FILES: Final = "KA828"
 _BECAUSE: Final = {Verdict.FAIL: "fails on", Verdict.INCOMPLETE: "undecided on"}
 
 
@@ -202,6 +203,9 @@ def _decided(report: Report) -> str:
     beside = f", {reserved} with a reservation (-v)" if reserved else ""
     answered = [run.name for run in report.answered]
     beside += f" {facts.ROUTED_ENFORCES_NONE}" if report.network else ""
+    asserted = any(isinstance(each, AssertedResult) for each in report.properties)
+    if report.network and asserted and _BY_FILES in report.outcomes.some(Result.PASS):
+        beside += facts.ROUTED_VIOLATE_NONE
     agree = {True: f"{' and '.join(answered)} agree", None: f"{', '.join(answered) or 'no engine'} alone"}
     engines = agree.get(report.engines_agree, "the engines disagree")
     return f"{len(report.holding)} of {len(report.properties)} hold{unknown}{beside} ({engines})"

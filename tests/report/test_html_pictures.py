@@ -40,12 +40,19 @@ def drawn_dates(periods: Sequence[Period], at: datetime, until: datetime | None)
 
 
 def drawn_flow(table: AccessTable, flow: Neighbourhood) -> str:
-    view = {"domain": 0, "unread": "", "ambient": "", "spaces": [("", [pictures.picture(table, flow)])], "left_out": 0}
+    view = {
+        "domain": 0,
+        "unread": "",
+        "profiles": (),
+        "ambient": "",
+        "spaces": [("", [pictures.picture(table, flow)])],
+        "left_out": 0,
+    }
     return f"<div>{section('flows', view)}</div>"
 
 
 def section(key: str, view: object) -> str:
-    sheet = SimpleNamespace(numbers={}, anchor=None)
+    sheet = SimpleNamespace(numbers={}, anchor=None, under="".join)
     return html._environment().get_template(f"{key}.html.j2").render(view=view, sheet=sheet, report=None)
 
 
