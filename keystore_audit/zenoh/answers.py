@@ -9,6 +9,7 @@ from itertools import islice
 from typing import Final
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
@@ -235,7 +236,11 @@ class Rights:
             return Reached(Truth.UNKNOWN, (), location, why)
         if not begins:
             return Reached(Truth.NO, (), process.at(None), "it has a link to no other process")
-        return _told(Truth.NO, (), _obstacle(begins, messages, release), messages, release)
+        tie = _obstacle(begins, messages, release)
+        told = _told(Truth.NO, (), tie, messages, release)
+        if tie.crossed(messages, release) is Truth.YES:
+            return replace(told, reason=f"{told.reason}, but it gets no further than {tie.far.name}")
+        return told
 
     def could(self, enclave: Enclave | None, operation: str, key: str, release: Release) -> Reached:
         """Whether somebody with its key and without its file does it; None: with no key."""

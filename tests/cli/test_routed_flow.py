@@ -121,6 +121,20 @@ def test_a_router_passes_on_what_its_rules_let_but_not_between_peers(
     assert trusted == {"honest": honest, "source": source, "relays": True}
 
 
+@pytest.mark.parametrize(("whom", "further"), [("/listener", True), ("/nobody", False)])
+def test_what_is_let_out_and_stays_at_the_router_is_said(
+    whom: str, further: bool, keystore_audit: Run, routed: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "network"
+    folder.mkdir()
+    for name, each in star("client", access(*takes(CHATTER, "/talker"), *gives(CHATTER, whom))).items():
+        (folder / f"{name}.json5").write_text(written({**tls(routed, name), **each}))
+    done = keystore_audit("can", routed, "/talker", "publish", "/chatter", "--zenoh", folder, "--at", AT)
+    said = " ".join(done.stdout.decode().split())
+    assert (done.returncode == 0) is further
+    assert ("allows put, but it gets no further than " in said) is not further
+
+
 @pytest.mark.parametrize(
     ("topic", "honest", "relays"),
     [("topic:/chatter", True, True), ("topic:/secret", False, True), ("topic:/secret*", True, True)],
