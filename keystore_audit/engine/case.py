@@ -23,7 +23,7 @@ from keystore_audit.model.formal.system import (
     System,
     TopicRuleAtom,
 )
-from keystore_audit.model.names import AMBIENT, ros_name
+from keystore_audit.model.names import AMBIENT, topics_named
 from keystore_audit.properties.result import Counterexample, Role, Step, Witness
 from keystore_audit.text import some
 
@@ -143,7 +143,7 @@ class Case:
     @property
     def _name(self) -> str:
         channel = self.system.channels[self.number]
-        return f"{'topics such as ' if channel.infinite else ''}{ros_name(channel.topic)}"
+        return topics_named(channel.topic, endless=channel.infinite)
 
     def _place(self, topic: str) -> str:
         channel = self.system.channels[self.number]

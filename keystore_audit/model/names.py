@@ -141,6 +141,11 @@ def ros_name(dds: str) -> str:
     return str(name) if name is not None else f'"{dds}"'
 
 
+def topics_named(dds: str, *, endless: bool) -> str:
+    """Return `ros_name` of it, as one of infinitely many where it is that (`endless`)."""
+    return f"{'topics such as ' if endless else ''}{ros_name(dds)}"
+
+
 def dds_channels(operation: str, name: str) -> tuple[Use, ...]:
     """Return what `operation` on the ROS name `name` needs: DDS operations on DDS topics, all of them.
 

@@ -13,11 +13,10 @@ from typing import Final
 
 from keystore_audit.findings import OF_THE_AUDIT, Finding, FixKind, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.profiles import implementations
 from keystore_audit.report.content import Report, place_of
 from keystore_audit.report.json import TOOL, script_command
 from keystore_audit.report.page import Page, Piece
-from keystore_audit.report.view_model import Cause, Consequences, within
+from keystore_audit.report.view_model import Cause, Consequences, concerned, within
 from keystore_audit.text import counted, some, terminal
 
 MAX_PLACES: Final = 6
@@ -206,10 +205,7 @@ def _excerpt(page: Page, report: Report, finding: Finding) -> None:
 
 def _under(page: Page, report: Report, finding: Finding) -> None:
     """The implementations for which it is so, where it is not for all."""
-    judged = (*report.judged_profiles, *report.others)
-    names = [name for name in judged if name in finding.profiles]
-    if finding.profiles and len(names) < len(judged):
-        told = implementations(names) if names else f"{implementations(finding.profiles)}: not judged here"
+    if told := concerned(report, finding):
         page.labelled("on", told, indent=2, column=6)
 
 

@@ -24,7 +24,7 @@ from msgspec import Struct
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.profiles import facts, implementations, shipped_by
+from keystore_audit.profiles import facts, shipped_by
 from keystore_audit.properties.result import Status
 from keystore_audit.report.access_words import SHORT, full_name
 from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict, none_here
@@ -46,6 +46,7 @@ from keystore_audit.report.view_model import (
     HOW,
     Cause,
     assumed,
+    concerned,
     declaring,
     engine,
     nodes_beside,
@@ -68,6 +69,8 @@ MAX_SAID: Final = 340
 
 MAX_OPEN: Final = 4
 """Enclaves, or codes, named in a sentence about the verdict."""
+
+_UNDECIDED: Final = "could not be decided, and what cannot be decided is no pass."
 
 MAX_DECIDED: Final = 20
 """Causes of which a meeting decides: a page."""
@@ -259,7 +262,7 @@ def _subject(sheet: Sheet) -> str:
 def _lines(sheet: Sheet, cause: Cause) -> int:
     """How many a cause takes."""
     finding = cause.finding
-    texts = (f"{finding.message[:MAX_SAID]} {sheet.under(finding.profiles)}", finding.fix.short)
+    texts = (f"{finding.message[:MAX_SAID]} {sheet.of(finding)}", finding.fix.short)
     return sum(-(-len(text) // IN_LINE) for text in texts) + 1
 
 
@@ -270,15 +273,15 @@ def _first(sheet: Sheet, causes: Sequence[Cause]) -> str:
     if report.verdict is Verdict.INCOMPLETE:
         open_of = [each.enclave for cause in causes for each in cause.every if each.undecided and each.enclave]
         whose = f" of {some(dict.fromkeys(open_of), MAX_OPEN)}" if open_of else ""
-        return f"Something{whose} could not be decided, and what cannot be decided is no pass."
+        return f"Something{whose} {_UNDECIDED}"
     if report.verdict is Verdict.PASS or not failing:
         return _meaning(report)
     paths = tuple(f"{entry.path} " for entry in report.enclaves)
     for finding in failing:
         said = sheet.consequences.example(finding)
         if said.startswith(paths):
-            concerned = [each for each in sheet.profiles if each in finding.profiles] or sheet.profiles
-            only = f" On {implementations(concerned)} only." if len(concerned) < len(sheet.profiles) else ""
+            words = concerned(report, finding)
+            only = f" On {words} only." if words else ""
             asserted = f" The settings forbid it: {', '.join(finding.properties)}." if finding.properties else ""
             way = said.split(" -> ")
             far = ", if nodes on the way pass it on" if len(way) > 3 else ""
@@ -342,7 +345,7 @@ def _basis(sheet: Sheet) -> Mapping[str, Any]:
 def _meaning(report: Report) -> str:
     failing = [each.code for each in report.findings if each.fails(report.fail_on)]
     words = {
-        Verdict.INCOMPLETE: "Something could not be decided, and what cannot be decided is no pass. ",
+        Verdict.INCOMPLETE: f"Something {_UNDECIDED} ",
         Verdict.FAIL: f"Because of {some(dict.fromkeys(failing), MAX_OPEN)}. ",
         Verdict.PASS: "Nothing was found that fails this gate. " if report.fail_on is not None else "",
     }[report.verdict]

@@ -21,7 +21,6 @@ from keystore_audit.model.intended.meant import Meant, Uses
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.model.tables.overview import Issuance, IssuedCertificate, Overview
-from keystore_audit.profiles import implementations
 from keystore_audit.properties.result import Status
 from keystore_audit.report.access_words import (
     SHORT,
@@ -35,7 +34,7 @@ from keystore_audit.report.access_words import (
 )
 from keystore_audit.report.content import STATUSES, Report
 from keystore_audit.report.page import by_answer, worst_first
-from keystore_audit.report.view_model import Consequences, properties_of
+from keystore_audit.report.view_model import Consequences, concerned, only_on, properties_of
 from keystore_audit.text import counted
 from keystore_audit.truth import Truth, any_of
 from keystore_audit.zenoh.answers import RoutedAnswer, RoutedTable
@@ -89,11 +88,13 @@ class Sheet:
 
     def under(self, names: Iterable[str]) -> str:
         """For which profiles something holds, in words; empty for all."""
-        names = tuple(names)
-        judged = [each for each in self.profiles if each in names]
-        if not names or len(judged) == len(self.profiles):
-            return ""
-        return f"on {implementations(judged)}" if judged else f"on {implementations(names)}: not judged here"
+        words = only_on(names, self.profiles)
+        return words and f"on {words}"
+
+    def of(self, finding: Finding) -> str:
+        """The same of a finding."""
+        words = concerned(self.report, finding)
+        return words and f"on {words}"
 
 
 def properties(report: Report) -> Mapping[str, Any]:

@@ -13,7 +13,7 @@ from msgspec import Struct
 
 from keystore_audit.findings import OF_THE_AUDIT, Finding, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.profiles import facts
+from keystore_audit.profiles import facts, implementations
 from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult, Status
 from keystore_audit.report.content import EnclaveEntry, Report
 
@@ -124,6 +124,20 @@ class Consequences:
             if wanted and answer.status is Status.VIOLATED and answer.counterexample is not None:
                 return answer.counterexample.text
         return finding.message
+
+
+def only_on(names: Iterable[str], judged: Sequence[str]) -> str:
+    """The implementations, of those judged, for which something is so, in words; empty for all."""
+    names = tuple(names)
+    found = [each for each in judged if each in names]
+    if not names or len(found) == len(judged):
+        return ""
+    return implementations(found) if found else f"{implementations(names)}: not judged here"
+
+
+def concerned(report: Report, finding: Finding) -> str:
+    """The same of a finding, which may be about what one enclave of a mixed fleet runs."""
+    return only_on(finding.profiles, (*report.judged_profiles, *report.others))
 
 
 def properties_of(finding: Finding) -> tuple[str, ...]:

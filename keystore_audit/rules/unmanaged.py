@@ -12,7 +12,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.unmanaged import UnmanagedDocument
-from keystore_audit.model.formal.rights import Surplus, UnmanagedGrant, unmanaged_grants
+from keystore_audit.model.formal.rights import UnmanagedGrant, unmanaged_grants
 from keystore_audit.model.inventory import (
     governance_apart,
     may_be_taken,
@@ -20,7 +20,6 @@ from keystore_audit.model.inventory import (
     unmanaged_governance,
     unmanaged_permissions,
 )
-from keystore_audit.model.names import ros_name
 from keystore_audit.model.participants.admitted import Admitted, admitted
 from keystore_audit.model.trust.verdicts import envelope
 from keystore_audit.rules.files import renaming
@@ -72,10 +71,6 @@ def _granting(keystore: Keystore, context: Context) -> tuple[UnmanagedGrant, ...
     return unmanaged_grants(context.meaning.systems, genuine) if genuine else ()
 
 
-def _topics(surplus: Surplus) -> str:
-    return f"{'topics such as ' if surplus.endless else ''}{ros_name(surplus.topic)}"
-
-
 def _documents(number: int) -> str:
     return "A signed document" if number == 1 else f"{number} signed documents"
 
@@ -102,7 +97,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
     wider = [grant for grant in granting if grant.surplus is not None]
     if wider:
         first, surplus = wider[0], wider[0].surplus
-        right = f"{VERBS[surplus.operation]} {_topics(surplus)} in {surplus.domains}" if surplus else ""
+        right = f"{VERBS[surplus.operation]} {surplus.topic} in {surplus.domains}" if surplus else ""
         profiles = dict.fromkeys(name for grant in wider for name in grant.profiles)
         one = len({grant.document for grant in wider}) == 1
         rename = renaming(keystore)(first.document, Role.PERMISSIONS) if one else ""

@@ -41,6 +41,8 @@ def test_the_audit_says_which_fleet_it_judged(settings: tuple[str, str]) -> None
     code, text = answer("audit", STOCK, *AT, *HUMBLE, *settings, "-v")
     assert f"scope: Humble with Fast DDS 2.6; {SAID}" in text
     assert "not judged here" not in text
+    page = answer("audit", STOCK, *AT, *HUMBLE, *settings, "-f", "html")[1]
+    assert "not judged here" not in page
     assert "each profile is judged as if all ran it" not in " ".join(text.split())
 
 

@@ -28,7 +28,7 @@ from keystore_audit.engine.engines import AskedSystems, Engines
 from keystore_audit.errors import EngineError, EngineFailed, EngineOutOfScale, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.system import System
-from keystore_audit.model.names import ros_name
+from keystore_audit.model.names import topics_named
 from keystore_audit.properties.result import (
     AlloyResult,
     Answer,
@@ -242,9 +242,8 @@ def _meaning(system: System, atom: str) -> tuple[str, Location | None]:
                 return atom.removesuffix("$0").rpartition("/")[2], None
             case "channels":
                 channel = system.channels[index]
-                name = ros_name(channel.topic)
-                name = f"topics such as {name}" if channel.infinite else name
                 partition = f" in partition {channel.partition!r}" if channel.partition else ""
+                name = topics_named(channel.topic, endless=channel.infinite)
                 return f"{name}{partition} ({system.domains[channel.domain].label})", None
             case "trust_domains":
                 members = [enclave.label for enclave in system.enclaves if enclave.trust_domain == index]

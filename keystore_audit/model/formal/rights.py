@@ -19,6 +19,7 @@ from keystore_audit.model.formal.attacker import TrustDomainView, enclaves_views
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.permission import Decisions, Permissions, Protection
 from keystore_audit.model.formal.system import Participant, System
+from keystore_audit.model.names import topics_named
 from keystore_audit.truth import Bounds
 
 
@@ -165,16 +166,14 @@ def _read(view: TrustDomainView) -> int:
 
 
 class Surplus(Struct, frozen=True, kw_only=True):
-    """A right on `topic` that only the unmanaged document gives the enclave, with its peers' consent.
+    """A right that only the unmanaged document gives the enclave, with its peers' consent.
 
-    `endless`: the topic is one of infinitely many.
+    `topic`, `domains`: for people.
     """
 
     operation: Operation
     topic: str
-    endless: bool
     domains: str
-    """The domains for people."""
 
 
 class UnmanagedGrant(Struct, frozen=True, kw_only=True):
@@ -256,7 +255,9 @@ class _System:
             if channels:
                 channel = min(channels, key=lambda channel: not channel.ros)
                 domains = self._system.domains[channel.domain].label
-                return Surplus(operation=operation, topic=channel.topic, endless=channel.infinite, domains=domains)
+                return Surplus(
+                    operation=operation, topic=topics_named(channel.topic, endless=channel.infinite), domains=domains
+                )
         return None
 
 
